@@ -19,23 +19,23 @@ import manpages
 import release
 
 PACKAGES = ("ca-certificates", "pipx", "python3")
-DIST = "work/dist"
+DIST = "imu/dist"
 FIRST_POSE_S = 30.0
 LIST_S = 1.0
 
 PIPX = "export PATH=$PATH:/root/.local/bin PIPX_DEFAULT_PYTHON=/usr/bin/python3\n"
-INSTALL = (
-    PIPX + "pipx install --pip-args='--find-links /work/dist' 'imu-probe[sim]' >&2"
-)
+INSTALL = PIPX + "pipx install --pip-args='--find-links /imu/dist' 'imu-probe[sim]' >&2"
 # A daemon on a virtual probe, and whether it is listed.
+# Both end with the command.
 SERVE = PIPX + (
-    "imud sim nano --stream --link /tmp/probe >/tmp/sim.txt 2>&1 & "
-    "imud run /tmp/probe --no-log >/tmp/run.txt 2>&1 & "
+    "imud sim nano --stream --link /tmp/probe >/tmp/sim.txt 2>&1 & sim=$!\n"
+    "imud run /tmp/probe --no-log >/tmp/run.txt 2>&1 & run=$!\n"
+    "trap 'kill $sim $run; wait' EXIT\n"
     "for each in $(seq 100); do imud list 2>/dev/null | grep -q streaming && exit 0; "
     "sleep 0.2; done; cat /tmp/sim.txt /tmp/run.txt; exit 1"
 )
 DEB = (
-    "export SOURCE_DATE_EPOCH={moment}; python3 /work/deb.py /work/dist /work/man "
+    "export SOURCE_DATE_EPOCH={moment}; python3 /imu/deb.py /imu/dist /imu/man "
     "{version} && rm -rf /root/.cache"
 )
 
@@ -103,7 +103,7 @@ def package(desk: Desk, version: str, suite: str) -> Iterator[Row]:
     yield desk.tries(
         "make the Debian package", DEB.format(version=version, moment=release.moment())
     )
-    deb = f"/work/dist/imu-probe_{version}~{suite}_{suite}.deb"
+    deb = f"/imu/dist/imu-probe_{version}~{suite}_{suite}.deb"
     apt = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y"
     yield desk.tries("apt install imu-probe.deb", f"{apt} {deb} >/dev/null 2>&1")
     yield desk.tries("imud --version", "imud --version", 2.0, f"imud {version}")
@@ -124,9 +124,9 @@ def tried(suite: str, dist: Path, version: str) -> Iterator[Row]:
             fresh.output("tar", "-xpf", str(archive), "-C", name, "--exclude=./dev/*")
             fresh.prepare(folder)
             shutil.copytree(dist, folder / DIST)
-            manpages.write(folder / "work" / "man")
-            shutil.copy(release.ROOT / "packages/deb/make.py", folder / "work/deb.py")
-            desk = Desk(suite, fresh.Room(folder, True, "work"))
+            manpages.write(folder / "imu" / "man")
+            shutil.copy(release.ROOT / "packages/deb/make.py", folder / "imu/deb.py")
+            desk = Desk(suite, fresh.Room(folder, True, "imu"))
             yield from people(desk) if what is people else package(desk, version, suite)
             for deb in (folder / DIST).glob("*.deb"):
                 shutil.copy(deb, dist)

@@ -11,7 +11,7 @@ prints the digest of `imud._core` as a program.
 
 from __future__ import annotations
 
-import fcntl
+import contextlib
 import hashlib
 import os
 import re
@@ -122,7 +122,10 @@ def refresh_image(image: Path) -> None:
         return
     (root / "build").mkdir(exist_ok=True)
     with (root / "build" / ".images.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        with contextlib.suppress(ImportError):  # only POSIX builds images
+            import fcntl
+
+            fcntl.flock(lock, fcntl.LOCK_EX)
         if wanted in image.read_bytes():
             return  # by another process, meanwhile
         _say(f"the image {name} was built of other sources than firmware has")

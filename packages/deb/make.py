@@ -127,7 +127,7 @@ def main() -> int:
     args = parser.parse_args()
     suite = platform.freedesktop_os_release()["VERSION_CODENAME"]
     version = f"{args.version}~{suite}"
-    root = Path("/work/deb")
+    root = Path("/imu/deb")
     os.umask(0o022)
     install(args.dist)
     lay_out(root, args.man)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 import stat
 from collections.abc import Iterator
@@ -23,6 +22,9 @@ MOUNTS = Path("/proc/self/mountinfo")
 _REREAD = 0x125F  # BLKRRPART of <linux/fs.h>
 
 _DEVICES = Path("/dev")
+
+# Which not every system has or needs.
+_PLAIN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 # A disk that is mounted at one of these is what this computer runs from.
 _SYSTEM = {"/", "/boot", "/boot/efi", "/boot/firmware", "/etc", "/home", "/usr", "/var"}
@@ -43,9 +45,10 @@ class Disk:
     def read_at(self, offset: int, size: int) -> bytes:
         """`size` bytes from `offset`, fewer at the end of the card."""
         parts = []
-        while size > 0 and (part := os.pread(self._descriptor, size, offset)):
+        os.lseek(self._descriptor, offset, os.SEEK_SET)
+        while size > 0 and (part := os.read(self._descriptor, size)):
             parts.append(part)
-            offset, size = offset + len(part), size - len(part)
+            size -= len(part)
         return b"".join(parts)
 
     def read(self, sector: int, count: int) -> bytes:
@@ -54,10 +57,9 @@ class Disk:
 
     def write(self, sector: int, data: bytes) -> None:
         """Writes all of `data` from the start of `sector`."""
-        offset = sector * SECTOR
+        os.lseek(self._descriptor, sector * SECTOR, os.SEEK_SET)
         while data:
-            written = os.pwrite(self._descriptor, data, offset)
-            offset, data = offset + written, data[written:]
+            data = data[os.write(self._descriptor, data) :]
 
     def settle(self) -> None:
         """Waits until all is on the card, and has reads come from the card itself."""
@@ -68,9 +70,10 @@ class Disk:
     def reread(self) -> None:
         """Has the kernel read the partition table again."""
         if stat.S_ISBLK(os.fstat(self._descriptor).st_mode):
-            with contextlib.suppress(
-                OSError
-            ):  # it does so when the card is put in again
+            # Where this fails, it does so when the card is put in again.
+            with contextlib.suppress(OSError, ImportError):
+                import fcntl
+
                 fcntl.ioctl(self._descriptor, _REREAD)
 
 
@@ -87,7 +90,7 @@ def as_file_error(doing: str, hint: str = "") -> Iterator[None]:
 def opened(path: Path) -> Iterator[Disk]:
     """Opens a card or a file for reading; FileError if it can't."""
     with as_file_error(f"read {path}", _hint(path)):
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDONLY | _PLAIN)
         try:
             if stat.S_ISDIR(os.fstat(descriptor).st_mode):
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -100,7 +103,7 @@ def opened(path: Path) -> Iterator[Disk]:
 def created(path: Path, size: int) -> Iterator[Disk]:
     """Makes an image of `size` zero bytes, and removes it again after an error."""
     with as_file_error(f"write {path}"):
-        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | _PLAIN
         descriptor = os.open(path, flags, 0o666)
         try:
             os.truncate(descriptor, size)
@@ -117,7 +120,7 @@ def claimed(path: Path) -> Iterator[Disk]:
     """Opens an existing card or image for writing; FileError where that is unsafe."""
     with as_file_error(f"look at {path}", _hint(path)):
         status = path.stat()
-    flags = os.O_RDWR | os.O_CLOEXEC
+    flags = os.O_RDWR | _PLAIN
     if stat.S_ISBLK(status.st_mode):
         number = f"{os.major(status.st_rdev)}:{os.minor(status.st_rdev)}"
         refuse_unless_card(path, number)

@@ -92,7 +92,9 @@ class OwnDaemon:
         self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._warned: tuple[float, str] | None = None
-        self._signals: dict[int, Any] = {signal.SIGTERM: None, signal.SIGHUP: None}
+        names = ("SIGTERM", "SIGHUP")  # the latter not everywhere
+        ends = [getattr(signal, name) for name in names if hasattr(signal, name)]
+        self._signals: dict[int, Any] = dict.fromkeys(ends)
 
     def __enter__(self) -> Self:
         # Terminated, or closed with its terminal, this process ends the daemon first.

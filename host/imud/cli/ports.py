@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imud import machine
 from imud.cli.arguments import add_command
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def _ports(args: argparse.Namespace) -> LocalPorts:
     from imud.ports.local import LocalPorts
 
     path = args.config
-    if path is None and os.geteuid() == 0 and SERVICE_SETTINGS.exists():
+    if path is None and machine.is_administrator() and SERVICE_SETTINGS.exists():
         path = SERVICE_SETTINGS
     return LocalPorts(reader.load(path).ports)
 

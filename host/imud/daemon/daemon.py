@@ -8,13 +8,12 @@ import contextlib
 import gc
 import logging
 import math
-import signal
 import sys
 from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any
 
-from imud import journal
+from imud import journal, machine
 from imud.config.settings import Config, listens_on
 from imud.daemon.command_runner import CommandRunner
 from imud.daemon.commands import Commander
@@ -29,7 +28,6 @@ from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
 from imud.errors import ImudError, ListenFailed, described
-from imud.files_limit import raise_files_limit
 from imud.journal.speaker import Speaker
 from imud.net.queries import Answer
 from imud.ports.finder import Finder
@@ -92,10 +90,7 @@ class Daemon:
     async def run(self) -> None:
         loop = asyncio.get_running_loop()
         stop = asyncio.Event()
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, stop.set)
-        loop.add_signal_handler(signal.SIGHUP, self._reload)
-
+        machine.on_signals(stop.set, self._reload)
         loop.set_exception_handler(self._log_fault)
         self._loop = loop
         self._hub.has_turns = True
@@ -321,7 +316,7 @@ class Daemon:
 def run(load: Callable[[], Config]) -> int:
     """Runs until SIGTERM or SIGINT; `load` says what to do, again at each SIGHUP."""
     config = load()
-    raise_files_limit()
+    machine.raise_files_limit()
     sys.setswitchinterval(SWITCH_S)
     handler = journal.handler()
     logger.addHandler(handler)

@@ -9,7 +9,6 @@ import asyncio
 import contextlib
 import os
 import re
-import resource
 import socket
 from collections import Counter, defaultdict
 from collections.abc import AsyncIterator, Iterator, Mapping
@@ -18,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from imud import machine
 from imud.endpoint import host_of, is_loopback
 from imud.serving import ServerThread, listen
 from imud.version import version
@@ -129,8 +129,7 @@ _COUNTERS = frozenset(
 
 def _process() -> Iterator[tuple[str, float]]:
     """The process itself, under the names that Prometheus clients use."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    yield "process_cpu_seconds_total", used.ru_utime + used.ru_stime
+    yield "process_cpu_seconds_total", machine.cpu_seconds()
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
         descriptors = len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - names only

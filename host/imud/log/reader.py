@@ -8,7 +8,6 @@ damage is skipped or ends the reading.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import io
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import BinaryIO
 
 from mcap.records import Channel, Message, Metadata, Schema
 
+from imud import machine
 from imud.defaults import PROBES_MAX
 from imud.errors import FileError
 from imud.log.chunk import NAME_MAX
@@ -54,10 +54,7 @@ class Logged:
 def is_being_written(path: Path) -> bool:
     """Whether a process writes this log now: it holds a lock meanwhile."""
     with contextlib.suppress(OSError), path.open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
+        return not machine.try_lock(file, is_shared=True)
     return False
 
 

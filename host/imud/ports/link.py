@@ -6,18 +6,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import fcntl
-import os
-import termios
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import serial
 
-from imud._core import read_some
+from imud import machine
 from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
-from imud.probes.timeline import host_ns
 
 # A port that does not exist is tried this often, which takes 10 us each time: a probe
 # is back before its next hello.
@@ -31,8 +27,6 @@ RESET_S = 0.05
 
 # Bytes that may wait to be written, for a probe that reads none: dozens of commands.
 PENDING_MAX = 4096
-
-_CFLAG, _CC = 2, 6  # places in what tcgetattr returns
 
 
 class Link:
@@ -55,7 +49,7 @@ class Link:
         self._on_fault = on_fault
         self._has_reset = has_reset
         self._serial: serial.Serial | None = None
-        self._descriptor = -1  # its own
+        self._watch: machine.SerialWatch | None = None
         self._pending = b""
         self._lost: asyncio.Future[LinkError] | None = None
 
@@ -76,10 +70,11 @@ class Link:
             return
         try:
             self._serial.baudrate = baud
-            _make_ours(self._serial)
-        except (OSError, ValueError, termios.error):
+            machine.make_ours(self._serial)
+        except machine.PORT_ERRORS:
             # It vanished, or its driver lacks that rate and keeps the one before.
-            self._read_some()
+            if self._watch is not None:
+                self._watch.read()
 
     async def run(self) -> None:
         """Opens the port, again and again, until it is cancelled."""
@@ -115,44 +110,19 @@ class Link:
             await _reset(port)
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
-        self._descriptor = port.fileno()
-        loop.add_reader(self._descriptor, self._read_some)
+        self._watch = machine.SerialWatch(port, self._on_data, self._hang_up)
         self._on_open()
         raise await self._lost
 
-    def _read_some(self) -> None:
-        if self._serial is None:
-            return
-        try:
-            # os.read would release the GIL, and a busy sink's thread would keep it for
-            # longer than the time between two reads of many ports.
-            data = read_some(self._descriptor)
-        except OSError:
-            data = b""  # a pty whose other end closed says EIO, a USB port ENXIO
-        if data is None:
-            return
-        if data:
-            self._on_data(data, host_ns())
-        else:
-            self._hang_up()
-
     def _write_some(self) -> None:
-        if self._serial is None:
+        if self._watch is None:
             return
-        descriptor = self._serial.fileno()
-        loop = asyncio.get_running_loop()
         try:
-            written = os.write(descriptor, self._pending) if self._pending else 0
-        except BlockingIOError:
-            written = 0
+            written = self._watch.write(self._pending, self._write_some)
         except OSError:
             self._hang_up()
             return
         self._pending = self._pending[written:]
-        if self._pending:
-            loop.add_writer(descriptor, self._write_some)
-        else:
-            loop.remove_writer(descriptor)
 
     def _hang_up(self) -> None:
         # At once: a descriptor that hung up stays readable.
@@ -163,20 +133,16 @@ class Link:
             )
 
     def _unwatch(self) -> None:
-        if self._serial is not None:
-            loop = asyncio.get_running_loop()
-            loop.remove_reader(self._serial.fileno())
-            loop.remove_writer(self._serial.fileno())
+        watch, self._watch = self._watch, None
+        if watch is not None:
+            watch.end()
 
     def _close(self) -> None:
         if self._serial is None:
             return
         self._unwatch()
         port, self._serial = self._serial, None
-        # Unsent bytes would make close() wait for the kernel's 30 s. On a port that is
-        # gone this fails, and need not succeed.
-        with contextlib.suppress(termios.error):
-            termios.tcflush(port.fileno(), termios.TCOFLUSH)
+        machine.drop_unsent(port)
         port.close()
 
 
@@ -217,27 +183,18 @@ def _open(name: str, baud: int) -> serial.Serial:
         port = serial.Serial(name, baud, timeout=0, exclusive=True)
     except serial.SerialException as error:
         raise _translated(name, error) from error
-    except (OSError, ValueError, termios.error) as error:
+    except machine.PORT_ERRORS as error:
         raise PortRefused(
             f"{name} can't be set to {baud} baud; is it a serial port?"
         ) from error
     try:
-        _make_ours(port)
-    except termios.error as error:
+        machine.make_ours(port)
+    except OSError as error:
         port.close()
         raise PortLost(f"{name} vanished; it is opened when it is back") from error
     _ask_for_low_latency(port)
-    _keep_others_out(name, port)
+    machine.keep_others_out(port, name)
     return port
-
-
-def _keep_others_out(name: str, port: serial.Serial) -> None:
-    """Whoever does not ask for the lock (flock) that pyserial has set gets an error
-    instead of some of our bytes. Of a port, until it is closed; a pty would keep it.
-    """
-    if not os.path.realpath(name).startswith("/dev/pts/"):
-        with contextlib.suppress(OSError):
-            fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
 
 
 def _ask_for_low_latency(port: serial.Serial) -> None:
@@ -248,17 +205,6 @@ def _ask_for_low_latency(port: serial.Serial) -> None:
     # pyserial: the driver refuses; the system has no such flag.
     with contextlib.suppress(ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
-
-
-def _make_ours(port: serial.Serial) -> None:
-    """Sets what pyserial sets otherwise; to be called after each of its changes."""
-    attributes = termios.tcgetattr(port.fileno())
-    # A board resets when DTR goes active, which the kernel does at opening unless DTR
-    # is active still: keep it active when the port is closed.
-    attributes[_CFLAG] &= ~termios.HUPCL
-    # An empty read then means a hang-up, and never "no bytes yet".
-    attributes[_CC][termios.VMIN] = 1
-    termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
 
 
 async def _reset(port: serial.Serial) -> None:

@@ -8,18 +8,10 @@ docs/clock.md has the arithmetic.
 
 from __future__ import annotations
 
-import time
-from functools import partial
-
+from imud import machine
 from imud._core import Rising
 
-# The host's time in ns, from its oscillator, which nothing sets or slews. NTP changes
-# the rate of CLOCK_MONOTONIC by up to 500 ppm, which would look like a jump of
-# the probe's clock.
-host_ns = partial(
-    time.clock_gettime_ns,
-    getattr(time, "CLOCK_MONOTONIC_RAW", time.CLOCK_MONOTONIC),
-)
+host_ns = machine.host_clock_ns
 
 # Readings of the host's clocks further apart than this are not used; so the difference
 # of those clocks is known to this.

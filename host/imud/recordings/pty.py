@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import select
 import struct
-import termios
 import time
-import tty
 from pathlib import Path
 
 from imud.errors import FileError
+
+try:
+    import fcntl
+    import termios
+    import tty
+except ImportError:
+    fcntl = None  # type: ignore[assignment]
 
 # How often it checks whether a reader has opened the pty.
 LOOK_S = 0.02
@@ -48,6 +52,8 @@ class PtyPort:
     """
 
     def __init__(self, link: Path | None) -> None:
+        if fcntl is None:
+            raise FileError("this system has no pseudo terminals: leave --link out")
         self._master, slave = os.openpty()
         tty.setraw(slave)
         attributes = termios.tcgetattr(slave)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import logging
 import math
@@ -14,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from io import BufferedWriter
 from pathlib import Path
 
+from imud import machine
 from imud.errors import FileError
 from imud.log.file import LogFile, Settings
 from imud.log.retention import KeptLogs
@@ -71,7 +71,7 @@ class LogSink:
     def open(self) -> None:
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
-            if self._is_full(os.statvfs(self._directory)):
+            if self._is_full(machine.free_bytes(self._directory)):
                 self._is_paused = True
                 return
             self.path, file = self._create()
@@ -122,11 +122,13 @@ class LogSink:
                 if self._syncing is not None:
                     self._syncing.result()
                 # Takes 20 ms, and longer on a busy disk: not in this thread.
-                self._syncing = self._syncer.submit(os.fdatasync, log.fileno())
+                self._syncing = self._syncer.submit(machine.sync, log.fileno())
         except OSError as error:
             raise FileError(f"can't write {self.path}: {error.strerror}") from error
         self._sweep()
-        self._is_paused = self._is_full(os.fstatvfs(log.fileno()))
+        self._is_paused = self._is_full(
+            machine.free_bytes(self._directory, log.fileno())
+        )
         if (
             self._is_paused
             or log.size() >= self.settings.rotate_bytes
@@ -169,9 +171,9 @@ class LogSink:
             self._syncer.shutdown()
             self._syncer = None
 
-    def _is_full(self, disk: os.statvfs_result) -> bool:
+    def _is_full(self, free_bytes: int) -> bool:
         floor = self.settings.floor_bytes * (ROOM_AGAIN if self._is_paused else 1.0)
-        return disk.f_bavail * disk.f_frsize < floor
+        return free_bytes < floor
 
     def _end(self) -> None:
         """Finishes a file that has all its data; the next record begins another."""
@@ -219,5 +221,5 @@ class LogSink:
                 continue
             # Tells others that it is being written; not every file system can.
             with contextlib.suppress(OSError):
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                machine.try_lock(file)
             return path, file

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import fcntl
 import os
 import signal
 import subprocess
@@ -21,6 +20,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING
 
+from imud import machine
 from imud.errors import FileError
 from imud.progress import Progress
 from imud.virtual.boards import VirtualBoard
@@ -59,13 +59,11 @@ def held(link: Path) -> Iterator[None]:
     except OSError as error:
         raise FileError(f"can't make {link}: {error.strerror}") from error
     with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not machine.try_lock(file):
             raise FileError(
                 f"{link} is the port of another virtual probe; add --link {link}-2 "
                 "--seed 2 for one more, with an id of its own"
-            ) from None
+            )
         try:
             yield
         finally:

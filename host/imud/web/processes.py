@@ -17,13 +17,16 @@ Process = asyncio.subprocess.Process
 
 
 async def start(module: str, *arguments: str) -> Process:
-    """Runs a module of ours."""
-    return await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", module, *arguments),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        limit=LINE_MAX,
-    )
+    """Runs a module of ours; OSError where the loop of this system can't."""
+    try:
+        return await asyncio.create_subprocess_exec(
+            *(sys.executable, "-P", "-m", module, *arguments),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            limit=LINE_MAX,
+        )
+    except NotImplementedError as error:
+        raise OSError("this system runs no programs beside the daemon") from error
 
 
 def kill(process: Process) -> None:
@@ -31,7 +34,7 @@ def kill(process: Process) -> None:
     if process.returncode is None:
         # Its own kill() would take its exit code from asyncio, which complains.
         with contextlib.suppress(ProcessLookupError):
-            os.kill(process.pid, signal.SIGKILL)
+            os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
 
 async def end(process: Process | None) -> None:

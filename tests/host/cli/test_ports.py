@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from imud import machine
 from imud.cli import main
 from imud.cli import ports as room
 from imud.daemon import install
@@ -65,7 +66,7 @@ def test_root_adopts_for_the_service_and_modem_manager_hears_of_it(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(room.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(machine, "is_administrator", lambda: True)
     monkeypatch.setattr(room, "SERVICE_SETTINGS", tmp_path / "etc" / "imud.toml")
     monkeypatch.setattr(room, "ROOT", tmp_path)
     monkeypatch.setattr(adopted, "SERVICE_FOLDER", tmp_path / "state")

@@ -14,13 +14,14 @@ import pytest
 
 from imud import cli
 from imud.recordings import decode
-from imud.virtual import boards, sensors
+from imud.virtual import sensors
+from imud.virtual.boards import BOARDS
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("board", boards.BOARDS)
+@pytest.mark.parametrize("board", BOARDS)
 def test_it_streams_pose_and_raw_of_a_recording(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:
@@ -37,7 +38,7 @@ def test_it_streams_pose_and_raw_of_a_recording(
     heard = list(decode.decode_file(record, tally))
     kinds = {kind: [m for m in heard if m["type"] == kind] for kind in ("pose", "raw")}
     assert len(kinds["raw"]) > 300
-    ratio = boards.BOARDS[board].sample_rate_hz / 100
+    ratio = BOARDS[board].sample_rate_hz / 100
     assert abs(len(kinds["raw"]) - ratio * len(kinds["pose"])) <= ratio
     replies = [m for m in heard if m["type"] == "reply"]
     assert [m["result"] for m in replies] == ["ok", "ok"]
@@ -45,7 +46,7 @@ def test_it_streams_pose_and_raw_of_a_recording(
     assert started == ["button"]
 
 
-@pytest.mark.parametrize("board", boards.BOARDS)
+@pytest.mark.parametrize("board", BOARDS)
 def test_its_serial_port_appears_speaks_and_goes(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: MIT
+"""Each command as on a machine without POSIX's modules: it works, or says in one line
+why it does not. docs/install.md has the table.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from imud.cli import build_parser
+from imud.client import Client
+from imud.machine import other, posix
+from streaming import until
+
+ELSEWHERE = Path(__file__).with_name("elsewhere.py")
+DOC = Path(__file__).parents[3] / "docs" / "install.md"
+
+# With a daemon that runs elsewhere, and a probe on its port. {} is a folder; what it
+# says is on stdout or, after an error, on stderr.
+BESIDE = {
+    "list": ([], "00112233445566aa"),
+    "monitor": (["--seconds", "0.5"], "00112233445566aa"),
+    "listen": (["--seconds", "0.5"], "no pose arrived"),
+    "strokes": (["--seconds", "0.5"], "stroke"),
+    "record": (["--seconds", "0.5", "--log", "{}/recorded"], "records to"),
+    "start": ([], "start done"),
+    "stop": ([], "stop done"),
+    "tare": ([], "tare done"),
+    "restart": ([], "restart done"),
+    "params": (["history", "00112233445566aa"], ""),
+    "calibrate": (["undo", "nosuch"], "no probe nosuch"),
+    "check": (["nosuch"], "no probe nosuch"),
+    "flash": (["nosuch"], "no probe nosuch"),
+}
+ALONE = {
+    "config": ([], "[zenoh]"),
+    "view": (["--no-open", "--connect", "tcp/127.0.0.1:1"], "no imud at"),
+    "keys": (["init", "{}/keys", "--name", "127.0.0.1"], ""),
+    "completion": (["bash"], "complete"),
+    "ports": ([], ""),
+    "info": (["{}/log.mcap"], "pose"),
+    "decode": (["{}/log.mcap"], "pose"),
+    "export": (["{}/log.mcap", "--out", "{}/tables"], "rows"),
+    "recover": (["{}/log.mcap"], ""),
+    "replay": (["{}/log.mcap", "--link", "{}/port"], "no pseudo terminals"),
+    "card": (["prepare", "{}/card.img", "--size", "64M"], ""),
+    "install-service": (["--print"], "[Service]"),
+    "sim": (["nano", "--image", "{}/none"], "is not there"),
+    "demo": (["--help"], "virtual probes"),
+    "body": (["{}/none.toml"], "can't read"),
+    "run": (["--config", "{}/none.toml"], "can't read"),
+}
+
+
+def said(folder: Path, command: str, words: list[str], *more: str) -> str:
+    """What a command prints. A fault of imud's own fails the test, and so does more
+    than one line after an error.
+    """
+    filled = [word.replace("{}", str(folder)) for word in words]
+    done = subprocess.run(
+        [sys.executable, "-P", ELSEWHERE, command, *filled, *more],
+        capture_output=True,
+        cwd=folder,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert "a fault of its own" not in done.stderr
+    assert "Traceback" not in done.stderr
+    if done.returncode != 0:
+        assert done.stderr.count("\n") == 1, done.stderr
+    return done.stdout + done.stderr
+
+
+class Desk:
+    """A probe, its port, a daemon that runs elsewhere, and a client of it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.probe = FakeProbe()
+        self.port = Port(folder / "port")
+        self.daemon = DaemonProcess(
+            self.port.path, directory=folder, program=(str(ELSEWHERE),)
+        )
+        self.daemon.expect("listens on")
+        self.client = Client(self.daemon.endpoint)
+        # When it opens its port can't be seen: the hello comes again and again.
+        until(self._is_found)
+
+    def _is_found(self) -> bool:
+        self.port.write(b"\0" + self.probe.say("hello"))
+        return bool(self.client.alive())
+
+    def close(self) -> None:
+        self.client.close()
+        with self.daemon:
+            self.daemon.stop()
+
+
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    found = Desk(tmp_path_factory.mktemp("elsewhere"))
+    yield found
+    found.close()
+
+
+def has_to_answer(command: str) -> bool:
+    """Whether the probe has to answer for this command."""
+    return command in ("start", "stop", "tare", "restart")
+
+
+@pytest.mark.parametrize("command", BESIDE)
+def test_a_command_beside_a_daemon(command: str, chain: Desk, tmp_path: Path) -> None:
+    words, says = BESIDE[command]
+    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
+    if has_to_answer(command):
+        server.start()
+    found = said(tmp_path, command, words, "--connect", chain.daemon.endpoint)
+    if has_to_answer(command):
+        server.join(PATIENCE_S)
+    assert says in found
+
+
+def test_what_a_thread_reads_is_what_was_sent(chain: Desk) -> None:
+    heard: queue.Queue[bytes] = queue.Queue()
+    chain.client.subscribe("pose", None, lambda _, payload: heard.put(payload))
+    chain.client.statuses()  # once it is answered, the daemon knows the subscriber
+    for _ in range(200):
+        chain.port.write(chain.probe.say("pose"))
+    numbers = [json.loads(heard.get(timeout=PATIENCE_S))["seq"] for _ in range(200)]
+    assert numbers == [*range(numbers[0], numbers[0] + 200)]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log that a daemon elsewhere has written."""
+    folder = tmp_path_factory.mktemp("logged")
+    found = Desk(folder)
+    for _ in range(20):
+        found.port.write(found.probe.say("pose"))
+    until(lambda: found.client.statuses()[0]["ledger"]["published"].get("pose") == 20)
+    found.close()
+    (path,) = found.daemon.logs.glob("*.mcap")
+    return path
+
+
+@pytest.mark.parametrize("command", ALONE)
+def test_a_command_alone(command: str, log: Path, tmp_path: Path) -> None:
+    (tmp_path / "log.mcap").write_bytes(log.read_bytes())
+    words, says = ALONE[command]
+    assert says in said(tmp_path, command, words)
+
+
+def test_every_command_is_tried_and_stands_in_the_table() -> None:
+    commands = next(
+        each.choices for each in build_parser()._actions if each.metavar == "COMMAND"
+    )
+    assert set(commands or ()) == {*BESIDE, *ALONE}
+    section = DOC.read_text("utf-8").partition("## Windows and macOS")[2]
+    named = set(re.findall(r"`([a-z-]+)`", section.partition("\n## ")[0]))
+    assert set(commands or ()) <= named
+
+
+def test_both_modules_have_the_same_functions() -> None:
+    from imud import machine
+
+    for module in (posix, other):
+        assert [name for name in machine.__all__ if not hasattr(module, name)] == []
