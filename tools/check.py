@@ -17,6 +17,8 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import needs
+
 ROOT = Path(__file__).resolve().parent.parent
 CORE = Path("firmware/core")
 PAGE_TOOLS = ROOT / "build" / "web" / "node_modules" / ".bin"
@@ -71,6 +73,9 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
             f"clang-tidy, {name}",
             ("clang-tidy", "--quiet", *files, "--", "-std=gnu11", *INCLUDES),
         )
+    windows = ("clang", f"--target={needs.WINDOWS}", "-fsyntax-only")
+    strict = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
+    yield "core, for Windows", (*windows, "-std=c11", *strict, *INCLUDES, *portable)
     yield "proof", (python, "tools/prove.py", "--if-there")
     yield (
         "proofs that fail",

@@ -103,7 +103,12 @@ TEST_NEEDS = (
 OCTAVE = Need("octave", has("octave-cli"))
 BOOTLOADERS = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 FUZZED = "int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput() { return 0; }"
+WINDOWS = "x86_64-pc-windows-gnu"
 CHECK_NEEDS = (
+    Need(
+        "mingw-w64-x86-64-dev",  # headers alone
+        compiles("#include <string.h>", "clang", f"--target={WINDOWS}"),
+    ),
     NEWLIB,
     Need("clang", has("clang")),
     Need("libclang-rt-dev", compiles(FUZZED, "clang", until="-fsanitize=fuzzer")),
