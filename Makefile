@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long hours fresh bits coverage fuzz check compilers mutate \
-	format firmware sim bench pictures release installed setup clean
+	format firmware sim bench pictures release site installed setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -111,6 +111,10 @@ pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 release: ## packages for pip, firmware, lists and sums, of the last commit: build/release/dist
 	@$(PYTHON) tools/setup.py release
 	@python tools/release.py $(if $(NO_SOURCES),--without-sources) $(if $(TWICE),--twice)
+
+site: ## the documents as a site with search: build/site/html; broken links fail it
+	@$(PYTHON) tools/setup.py release
+	@python tools/site_pages.py
 
 installed: ## installs what `make release` made in bare Debian 12 and 13 (SUITE=trixie)
 	@python tools/installed.py $(SUITE:%=--suite %)

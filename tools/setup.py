@@ -54,7 +54,7 @@ GROUPS = {
     "check": ("build", "firmware", "micropython", *TESTS, "check"),
     "coverage": ("build", "firmware", *TESTS, "coverage"),
     "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
-    "release": ("build", "firmware", "test", "release"),
+    "release": ("build", "firmware", "test", "release", "site"),
 }
 ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
 PACKAGE = "package"
