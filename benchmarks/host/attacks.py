@@ -194,7 +194,11 @@ def run(seconds: float, folder: Path, *, is_attacked: bool) -> dict[str, Any]:
         "seconds": seconds,
         **told,
         "lost": told["poses_sent"] - told["poses_heard"],
-        "rss_mib": [watched[0][0], max(each[0] for each in watched)],
+        # At the start, at each quarter and at most: what grows does so in all of them.
+        "rss_mib": [
+            *(watched[(len(watched) - 1) * part // 4][0] for part in range(5)),
+            max(each[0] for each in watched),
+        ],
         "files": [watched[0][1], max(each[1] for each in watched)],
         "lines": len((folder / "daemon.txt").read_text().splitlines()),
     }
@@ -224,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{'attacked' if is_attacked else 'alone':9} {each['seconds']:6.0f} s: "
             f"{each['poses_sent']} poses, {each['lost']} lost; "
             f"median {each['median_us']:.0f} us, p99 {each['p99_us']:.0f} us; "
-            f"{each['rss_mib'][0]:.0f} to {each['rss_mib'][1]:.0f} MiB, "
+            f"{' '.join(f'{mib:.0f}' for mib in each['rss_mib'])} MiB, "
             f"{each['files'][0]} to {each['files'][1]} files, "
             f"{each['lines']} lines\n"
         )
