@@ -61,6 +61,12 @@ def main() -> None:
         sys.exit(f"\nnot passed: {', '.join(failed)}")
 
 
+PYTHON = (
+    ("layout of Python", ("ruff", "format", "--check", "--quiet")),
+    ("lint of Python", ("ruff", "check", "--quiet")),
+)
+
+
 def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     python = sys.executable
     portable = sources(str(CORE), kinds=("*.c",))
@@ -93,8 +99,7 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
         "layout of C",
         ("clang-format", "--dry-run", "-Werror", *sources(*C_FOLDERS)),
     )
-    yield "layout of Python", ("ruff", "format", "--check", "--quiet")
-    yield "lint of Python", ("ruff", "check", "--quiet")
+    yield from PYTHON
     yield "imports", ("lint-imports",)
     yield (
         "types of the page",

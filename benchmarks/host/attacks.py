@@ -194,14 +194,16 @@ def run(seconds: float, folder: Path, *, is_attacked: bool) -> dict[str, Any]:
         "seconds": seconds,
         **told,
         "lost": told["poses_sent"] - told["poses_heard"],
-        # At the start, at each quarter and at most: what grows does so in all of them.
-        "rss_mib": [
-            *(watched[(len(watched) - 1) * part // 4][0] for part in range(5)),
-            max(each[0] for each in watched),
-        ],
+        "rss_mib": _quarters([each[0] for each in watched]),
         "files": [watched[0][1], max(each[1] for each in watched)],
         "lines": len((folder / "daemon.txt").read_text().splitlines()),
     }
+
+
+def _quarters(values: Sequence[float]) -> list[float]:
+    """At the start, at each quarter, and at most: what grows does so in all of them."""
+    last = len(values) - 1
+    return [*(values[last * part // 4] for part in range(5)), max(values)]
 
 
 def _guarded(folder: Path, endpoint: str, ports: Sequence[int]) -> str:

@@ -113,10 +113,12 @@ class ThreadWatch:
     def __init__(
         self,
         port: serial.Serial,
+        clock_ns: Callable[[], int],
         on_data: Callable[[bytes, int], None],
         on_end: Callable[[], None],
     ) -> None:
         self._port = port
+        self._clock_ns = clock_ns
         self._on_data = on_data
         self._on_end = on_end
         self._loop = asyncio.get_running_loop()
@@ -133,7 +135,7 @@ class ThreadWatch:
                 self._tell(self._on_end)
                 return
             if data:
-                self._tell(self._on_data, data, host_clock_ns())
+                self._tell(self._on_data, data, self._clock_ns())
 
     def _tell(self, call: Callable[..., None], *arguments: object) -> None:
         def run() -> None:

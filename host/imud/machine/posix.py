@@ -158,18 +158,20 @@ def drop_unsent(port: serial.Serial) -> None:
 
 class LoopWatch:
     """Calls back in the running loop with bytes of an open port, as they come, and the
-    host's time then; and once when the port has hung up.
+    time of a clock then; and once when the port has hung up.
     """
 
     def __init__(
         self,
         port: serial.Serial,
+        clock_ns: Callable[[], int],
         on_data: Callable[[bytes, int], None],
         on_end: Callable[[], None],
     ) -> None:
         import asyncio
 
         self._descriptor = port.fileno()
+        self._clock_ns = clock_ns
         self._on_data = on_data
         self._on_end = on_end
         self._loop = asyncio.get_running_loop()
@@ -186,7 +188,7 @@ class LoopWatch:
         if data is None:
             return
         if data:
-            self._on_data(data, host_clock_ns())
+            self._on_data(data, self._clock_ns())
         else:
             self._on_end()
 

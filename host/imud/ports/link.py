@@ -14,6 +14,7 @@ import serial
 
 from imud import machine
 from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
+from imud.probes.timeline import host_ns
 
 # A port that does not exist is tried this often, which takes 10 us each time: a probe
 # is back before its next hello.
@@ -110,7 +111,7 @@ class Link:
             await _reset(port)
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
-        self._watch = machine.SerialWatch(port, self._on_data, self._hang_up)
+        self._watch = machine.SerialWatch(port, host_ns, self._on_data, self._hang_up)
         self._on_open()
         raise await self._lost
 

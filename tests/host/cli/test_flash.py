@@ -72,6 +72,7 @@ def test_a_new_f405_is_written_by_its_rom(
     said = capsys.readouterr().out
     assert "put the cable on Y9 and Y10, connect DFU to 3V3, press RST" in said
     assert f"{len(CODE):,} bytes written and read back" in said
+    rom.ended()
     assert rom.flash.startswith(CODE)
     assert rom.started_at == BASE
 

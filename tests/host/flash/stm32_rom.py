@@ -36,6 +36,10 @@ class Stm32Rom:
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
+    def ended(self) -> None:
+        """Waits until the image was started."""
+        self._thread.join(5.0)
+
     def close(self) -> None:
         for descriptor in (self._theirs, self._ours):
             os.close(descriptor)

@@ -35,6 +35,7 @@ def test_an_image_is_written_read_back_and_started(opened: list[Stm32Rom]) -> No
     opened.append(rom := Stm32Rom(OLD))
     seen: list[tuple[int, int]] = []
     size = f405.flash(rom.port, NEW, lambda *at: seen.append(at), sync_s=5.0)
+    rom.ended()
     assert size == len(NEW)
     assert rom.flash.startswith(NEW)
     assert rom.flash.endswith(SETTINGS)
