@@ -274,7 +274,8 @@ def _by_rom(port: str, image: Image, on_progress: OnProgress) -> str:
         f"{port}: put the cable on Y9 and Y10, connect DFU to 3V3, press RST; waiting "
         f"{f405.SYNC_S:g} s for the bootloader"
     )
-    return f"{f405.flash(port, image.binary(), on_progress):,} bytes written"
+    written = f405.flash(port, image.binary(), on_progress, sync_s=f405.SYNC_S)
+    return f"{written:,} bytes written"
 
 
 def _by_dfu(_: str, image: Image, on_progress: OnProgress) -> str:

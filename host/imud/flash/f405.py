@@ -36,9 +36,7 @@ DFU_WRITE_S = 120.0
 OnProgress = Callable[[int, int], None]
 
 
-def flash(
-    port: str, image: bytes, on_progress: OnProgress, *, sync_s: float = SYNC_S
-) -> int:
+def flash(port: str, image: bytes, on_progress: OnProgress, *, sync_s: float) -> int:
     """Writes an image by the ROM on a port, starts it, and returns its bytes.
     FlashError with what to do if that did not end well.
     """
