@@ -15,7 +15,7 @@ MIT = "imu-probe"
 FREE = ("sim",)  # an extra with programs of its own, which are not linked
 GPL = re.compile(r"\bA?GPL|GNU (Affero )?General Public", re.IGNORECASE)
 LESSER = re.compile(r"\bLGPL|Lesser General Public", re.IGNORECASE)
-_NAME = re.compile(r"[A-Za-z0-9._-]+")
+_NEED = re.compile(r"([A-Za-z0-9._-]+)\s*(?:\[([^\]]*)\])?")
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
 
 
@@ -34,11 +34,13 @@ def bound(package: str) -> Iterator[tuple[str, str]]:
     """Packages under the GPL that it needs, or what these need, and their licences.
     What is not installed here is not looked at.
     """
+    about = metadata.metadata(package)
+    extras = set(about.get_all("Provides-Extra") or ()) - set(FREE)
     seen: set[str] = set()
-    waiting = [package]
+    waiting = [(package, extras)]
     while waiting:
-        name = waiting.pop()
-        key = re.sub(r"[-_.]+", "-", name).lower()
+        name, extras = waiting.pop()
+        key = f"{re.sub(r'[-_.]+', '-', name).lower()}{sorted(extras)}"
         if key in seen:
             continue
         seen.add(key)
@@ -49,7 +51,7 @@ def bound(package: str) -> Iterator[tuple[str, str]]:
         words = licence(about)
         if GPL.search(LESSER.sub("", words)):
             yield name, words
-        waiting += needs(name)
+        waiting += needs(name, extras)
 
 
 def licence(about: metadata.PackageMetadata) -> str:
@@ -67,13 +69,14 @@ def licence(about: metadata.PackageMetadata) -> str:
     return "; ".join(" ".join(each.split()) for each in told if each)
 
 
-def needs(package: str) -> Iterator[str]:
-    """Names of what a package requires, with all extras but those that are free."""
+def needs(package: str, extras: set[str]) -> Iterator[tuple[str, set[str]]]:
+    """What a package requires with these extras, and with which extras of that."""
     for line in metadata.requires(package) or []:
         extra = _EXTRA.search(line)
-        name = _NAME.match(line)
-        if name is not None and (extra is None or extra[1] not in FREE):
-            yield name[0]
+        found = _NEED.match(line)
+        if found is not None and (extra is None or extra[1] in extras):
+            asked = {each.strip() for each in (found[2] or "").split(",")}
+            yield found[1], asked - {""}
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ def plant(folder: Path, name: str, *lines: str) -> None:
 def test_one_that_is_planted_is_told(
     line: str, is_bound: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant(tmp_path, "ours-planted", "Requires-Dist: middle-planted>=1")
+    plant(tmp_path, "ours-planted", "Requires-Dist: middle-planted[more]>=1")
     plant(tmp_path, "middle-planted", "Requires-Dist: far-planted; extra == 'more'")
     plant(tmp_path, "far-planted", line)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -50,10 +50,21 @@ def test_one_that_is_planted_is_told(
     assert found == (["far-planted"] if is_bound else [])
 
 
+def test_an_extra_that_nobody_asks_for_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant(tmp_path, "ours-planted", "Requires-Dist: middle-planted>=1")
+    plant(tmp_path, "middle-planted", "Requires-Dist: far-planted; extra == 'docs'")
+    plant(tmp_path, "far-planted", "License-Expression: GPL-3.0-or-later")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert [*licences.bound("ours-planted")] == []
+
+
 def test_the_emulators_are_the_one_extra_that_may(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant(tmp_path, "ours-planted", "Requires-Dist: far-planted; extra == 'sim'")
+    needed = ("Provides-Extra: sim", "Requires-Dist: far-planted; extra == 'sim'")
+    plant(tmp_path, "ours-planted", *needed)
     plant(tmp_path, "far-planted", "License-Expression: GPL-3.0-or-later")
     monkeypatch.syspath_prepend(str(tmp_path))
     assert [*licences.bound("ours-planted")] == []
