@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
-# Of Debian: other distributions use other names.
-RELEASES = ("bookworm", "trixie", "forky", "sid", "stable", "testing", "unstable")
+import debian
+from debian import NotInstalled, output
+
 # Not needed to compile C; together two thirds of the size.
 LEFT_OUT = (
     "*/cc1plus",
@@ -27,10 +27,6 @@ LEFT_OUT = (
     "./etc",
     "*/avr-*gccrs",
 )
-
-
-class NotInstalled(Exception):
-    """A compiler cannot be installed on this machine; the message says why."""
 
 
 def installed(version: str, fetch: Callable[[Path], Path]) -> Path:
@@ -80,50 +76,17 @@ def of_pypi(requirement: str, into: Path) -> Path:
 
 def of_debian(suite: str, into: Path) -> Path:
     """Unpack gcc-avr of a Debian, and all that it needs down to the C library."""
-    if shutil.which("apt-get") is None or shutil.which("dpkg-deb") is None:
-        raise NotInstalled("only a Debian can fetch it: there is no apt-get here")
+    if shutil.which("dpkg-deb") is None:
+        raise NotInstalled("only a Debian can fetch it: there is no dpkg-deb here")
     root, state = into / "root", into / "apt"
-    for folder in (root, state / "lists" / "partial", state / "archives" / "partial"):
-        folder.mkdir(parents=True)
-    (state / "status").touch()  # no package counts as installed: fetch all dependencies
-    sources = state / "sources.list"
-    sources.write_text(f"deb [signed-by={KEYRING}] {archive()} {suite} main\n")
-    settings = {
-        "Dir::State": state,
-        "Dir::State::status": state / "status",
-        "Dir::State::lists": state / "lists",
-        "Dir::Cache": state,
-        "Dir::Cache::archives": state / "archives",
-        "Dir::Etc::sourcelist": sources,
-        "Dir::Etc::sourceparts": "-",
-        "APT::Sandbox::User": "root",  # another cannot write below a home
-        "APT::Update::Error-Mode": "any",  # fail if an index is missing
-        "Acquire::Languages": "none",
-        "Acquire::Retries": "2",
-    }
-    apt = ["apt-get", "--quiet", "--yes", "--no-install-recommends"]
-    for name, value in settings.items():
-        apt += ["-o", f"{name}={value}"]
-    output(*apt, "update")
+    root.mkdir(parents=True)
+    apt = debian.apt_get(state, suite)
     output(*apt, "--download-only", "install", "gcc-avr", "avr-libc")
     for package in sorted((state / "archives").glob("*.deb")):
         unpack(package, root)
     shutil.rmtree(state)
     start_by_own_loader(root)
     return root / "usr" / "bin"
-
-
-def archive() -> str:
-    """Where this machine gets Debian's packages."""
-    told = output(
-        *("apt-get", "indextargets", "--format", "$(REPO_URI) $(RELEASE)"),
-        "Created-By: Packages",
-    )
-    for line in told.splitlines():
-        uri, _, release = line.rpartition(" ")
-        if release in RELEASES:
-            return uri
-    raise NotInstalled("apt knows no archive of Debian")
 
 
 def unpack(package: Path, root: Path) -> None:
@@ -162,22 +125,3 @@ def is_program(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return os.access(path, os.X_OK) and file.read(4) == b"\x7fELF"
-
-
-def output(*command: str) -> str:
-    """What a command prints; NotInstalled with the reason if it fails."""
-    try:
-        done = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    except OSError as error:
-        raise NotInstalled(f"{command[0]}: {error.strerror}") from error
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        reason = [line for line in lines if re.match(r"E:|ERROR", line)] or lines
-        raise NotInstalled((reason or [f"{command[0]} failed"])[0])
-    return done.stdout

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import avr_gcc
+import debian
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build" / "compilers"
@@ -72,7 +73,7 @@ def main() -> int:
     for compiler in COMPILERS:
         try:
             programs = avr_gcc.installed(compiler.version, compiler.fetch)
-        except avr_gcc.NotInstalled as error:
+        except debian.NotInstalled as error:
             line = f"avr-gcc {compiler.version} ({compiler.used_by}): {error}"
             print(line)
             faults += [line] if os.environ.get("CI") else []

@@ -21,18 +21,17 @@ import release
 PACKAGES = ("ca-certificates", "pipx", "python3")
 DIST = "imu/dist"
 FIRST_POSE_S = 30.0
-LIST_S = 1.0
 
 PIPX = "export PATH=$PATH:/root/.local/bin PIPX_DEFAULT_PYTHON=/usr/bin/python3\n"
 INSTALL = PIPX + "pipx install --pip-args='--find-links /imu/dist' 'imu-probe[sim]' >&2"
-# A daemon on a virtual probe, and whether it is listed.
-# Both end with the command.
+# A daemon on a virtual probe. Both end with the command, which is {done} once the probe
+# is listed.
 SERVE = PIPX + (
     "imud sim nano --stream --link /tmp/probe >/tmp/sim.txt 2>&1 & sim=$!\n"
     "imud run /tmp/probe --no-log >/tmp/run.txt 2>&1 & run=$!\n"
     "trap 'kill $sim $run; wait' EXIT\n"
-    "for each in $(seq 100); do imud list 2>/dev/null | grep -q streaming && exit 0; "
-    "sleep 0.2; done; cat /tmp/sim.txt /tmp/run.txt; exit 1"
+    "for each in $(seq 100); do imud list 2>/dev/null | grep -q streaming && "
+    "{{ {done}; exit; }}; sleep 0.2; done; cat /tmp/sim.txt /tmp/run.txt; exit 1"
 )
 DEB = (
     "export SOURCE_DATE_EPOCH={moment}; python3 /imu/deb.py /imu/dist /imu/man "
@@ -85,17 +84,10 @@ def people(desk: Desk) -> Iterator[Row]:
     yield desk.tries("imud demo, to its first poses", first, FIRST_POSE_S, "all well")
     demo = PIPX + "imud demo --seconds 5 --board both"
     yield desk.tries("imud demo --board both", demo, says="all well")
-    listed = "imud list >/tmp/list.txt || { cat /tmp/list.txt; exit 1; }"
-    yield desk.tries("a daemon on a virtual probe", SERVE)
-    # The processes ended with the command before: one room, one command.
-    alone = SERVE.replace("&& exit 0;", f"&& {{ time -p {listed}; exit 0; }};")
-    yield desk.tries("imud list beside it", f"bash -c {_quoted(alone)}")
+    serve = SERVE.format(done="bash -c 'time -p imud list'")
+    yield desk.tries("a daemon, and imud list beside it", serve, says="streaming")
     flash = PIPX + "touch /tmp/none; imud flash /tmp/none --board nano --dry-run"
     yield desk.tries("imud flash --dry-run", flash, says="nothing was written")
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "'\\''") + "'"
 
 
 def package(desk: Desk, version: str, suite: str) -> Iterator[Row]:
@@ -106,7 +98,7 @@ def package(desk: Desk, version: str, suite: str) -> Iterator[Row]:
     deb = f"/imu/dist/imu-probe_{version}~{suite}_{suite}.deb"
     apt = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y"
     yield desk.tries("apt install imu-probe.deb", f"{apt} {deb} >/dev/null 2>&1")
-    yield desk.tries("imud --version", "imud --version", 2.0, f"imud {version}")
+    yield desk.tries("imud --version", "imud --version", says=f"imud {version}")
     unit = "cat /usr/lib/systemd/system/imud.service"
     yield desk.tries("its service", unit, says="/opt/imu-probe/bin/imud run")
     config = "imud config --check /etc/imud.toml"

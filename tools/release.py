@@ -11,6 +11,7 @@ import argparse
 import hashlib
 import json
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -20,6 +21,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import debian
 import notices
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -147,27 +149,15 @@ class Release:
 
     def _fetch_sources(self, folder: Path) -> None:
         """As Debian has them: what was linked is of its packages."""
-        if shutil.which("apt-get") is None:
-            raise ReleaseError("the emulators' sources come from Debian: no apt-get")
-        lists = self.place / "apt"
-        (lists / "lists" / "partial").mkdir(parents=True)
-        suite = re.search(
-            r"VERSION_CODENAME=(\w+)", Path("/etc/os-release").read_text()
-        )
-        keyring = "/usr/share/keyrings/debian-archive-keyring.gpg"
-        line = f"deb-src [signed-by={keyring}] http://deb.debian.org/debian"
-        (lists / "sources.list").write_text(
-            f"{line} {suite[1] if suite else ''} main\n"
-        )
-        own = (
-            *("-o", f"Dir::Etc::SourceList={lists / 'sources.list'}"),
-            *("-o", "Dir::Etc::SourceParts=/dev/null"),
-            *("-o", f"Dir::State::Lists={lists / 'lists'}"),
-            *("-o", "APT::Sandbox::User=root"),
-        )
-        self.run("list of Debian's sources", "apt-get", *own, "update")
-        words = ("source", "--download-only", *SOURCES)
-        self.run("sources of the emulators", "apt-get", *own, *words, cwd=folder)
+        try:
+            suite = platform.freedesktop_os_release()["VERSION_CODENAME"]
+            apt = debian.apt_get(self.place / "apt", suite, "deb-src")
+            debian.output(*apt, "source", "--download-only", *SOURCES, cwd=folder)
+        except (OSError, KeyError, debian.NotInstalled) as error:
+            raise ReleaseError(
+                f"the sources of the emulators are not to be had: {error}; "
+                "--without-sources leaves them out"
+            ) from error
 
     def build_imud(self) -> None:
         self.run("imu-probe, source", *_build("--sdist"), self.dist)
@@ -186,9 +176,6 @@ class Release:
         text = path.read_text().replace('"0"', f'"{self.version}"')
         path.write_text(text)
         shutil.copy(self.source / "LICENSE", package / "LICENSE")
-        self._notice(package, parts)
-
-    def _notice(self, package: Path, parts: notices.Parts) -> None:
         (package / "NOTICES.txt").write_text(notices.text(parts, self.source), "utf-8")
 
     def _wheel(self, package: Path, folder: Path) -> None:

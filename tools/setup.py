@@ -54,7 +54,7 @@ GROUPS = {
     "check": ("build", "firmware", "micropython", *TESTS, "check"),
     "coverage": ("build", "firmware", *TESTS, "coverage"),
     "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
-    "release": ("build", "firmware", "test", "release", "site"),
+    "release": ("build", "firmware", "release", "site"),
 }
 ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
 PACKAGE = "package"
@@ -101,6 +101,9 @@ def main(arguments: Sequence[str]) -> None:
                 lambda: build_images(("nano",)),
                 lambda: build_sim(("nano",)),
             )
+            return
+        if args.command == "release":
+            install_package()  # tools/release.py builds in a folder of its own
             return
         at_once(
             install_package,
