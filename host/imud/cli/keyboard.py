@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from imud import machine
-from imud.machine import keys_of
+from imud.machine import system
 
-__all__ = ["Quit", "keys_of", "pressed"]
+keys_of = system.keys_of
 
 
 class Quit(Exception):
@@ -19,7 +18,7 @@ def pressed(keyboard: int | None) -> str:
     """
     if keyboard is None:
         return ""
-    keys = machine.read_keys(keyboard)
+    keys = system.read_keys(keyboard)
     if keys is None or "q" in keys.lower():
         raise Quit
     return keys.lower()

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud import machine
 from imud.cli.arguments import add_command
+from imud.machine import system
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -76,7 +76,7 @@ def _ports(args: argparse.Namespace) -> LocalPorts:
     from imud.ports.local import LocalPorts
 
     path = args.config
-    if path is None and machine.is_administrator() and SERVICE_SETTINGS.exists():
+    if path is None and system.is_administrator() and SERVICE_SETTINGS.exists():
         path = SERVICE_SETTINGS
     return LocalPorts(reader.load(path).ports)
 

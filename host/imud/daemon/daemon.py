@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any
 
-from imud import journal, machine
+from imud import journal
 from imud.config.settings import Config, listens_on
 from imud.daemon.command_runner import CommandRunner
 from imud.daemon.commands import Commander
@@ -29,6 +29,7 @@ from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
 from imud.errors import ImudError, ListenFailed, described
 from imud.journal.speaker import Speaker
+from imud.machine import system
 from imud.net.queries import Answer
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
@@ -90,7 +91,7 @@ class Daemon:
     async def run(self) -> None:
         loop = asyncio.get_running_loop()
         stop = asyncio.Event()
-        machine.on_signals(stop.set, self._reload)
+        system.on_signals(stop.set, self._reload)
         loop.set_exception_handler(self._log_fault)
         self._loop = loop
         self._hub.has_turns = True
@@ -316,7 +317,7 @@ class Daemon:
 def run(load: Callable[[], Config]) -> int:
     """Runs until SIGTERM or SIGINT; `load` says what to do, again at each SIGHUP."""
     config = load()
-    machine.raise_files_limit()
+    system.raise_files_limit()
     sys.setswitchinterval(SWITCH_S)
     handler = journal.handler()
     logger.addHandler(handler)

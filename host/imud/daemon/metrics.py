@@ -17,8 +17,8 @@ from typing import Any
 
 import msgspec
 
-from imud import machine
 from imud.endpoint import host_of, is_loopback
+from imud.machine import system
 from imud.serving import ServerThread, listen
 from imud.version import version
 
@@ -129,7 +129,7 @@ _COUNTERS = frozenset(
 
 def _process() -> Iterator[tuple[str, float]]:
     """The process itself, under the names that Prometheus clients use."""
-    yield "process_cpu_seconds_total", machine.cpu_seconds()
+    yield "process_cpu_seconds_total", system.cpu_seconds()
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
         descriptors = len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - names only

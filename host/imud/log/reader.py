@@ -16,12 +16,12 @@ from typing import BinaryIO
 
 from mcap.records import Channel, Message, Metadata, Schema
 
-from imud import machine
 from imud.defaults import PROBES_MAX
 from imud.errors import FileError
 from imud.log.chunk import NAME_MAX
 from imud.log.parts import Damage, RecordGroup, channels_of, parts_of
 from imud.log.writer import MAGIC
+from imud.machine import system
 
 # The content of a frame: id, sequence, time and tagged fields, see PROTOCOL.md.
 FRAME_ENCODING = "x-imud-frame"
@@ -54,7 +54,7 @@ class Logged:
 def is_being_written(path: Path) -> bool:
     """Whether a process writes this log now: it holds a lock meanwhile."""
     with contextlib.suppress(OSError), path.open("rb") as file:
-        return not machine.try_lock(file, is_shared=True)
+        return not system.try_lock(file, is_shared=True)
     return False
 
 

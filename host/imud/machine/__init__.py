@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What differs between kinds of operating systems, chosen once: POSIX, as Linux and
-macOS, and others, as Windows. Both modules have the same functions.
+"""What differs between kinds of operating systems, chosen once: `system` is posix.py on
+Linux and macOS, other.py elsewhere, as on Windows. Both have the same names.
 """
 
 from __future__ import annotations
@@ -13,59 +13,8 @@ except ImportError:
     fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING or fcntl is not None:
-    from imud.machine.posix import (
-        PORT_ERRORS,
-        SerialWatch,
-        cpu_seconds,
-        drop_unsent,
-        free_bytes,
-        host_clock_ns,
-        is_administrator,
-        keep_others_out,
-        keys_of,
-        make_ours,
-        on_signals,
-        raise_files_limit,
-        read_keys,
-        sync,
-        try_lock,
-        wait_lock,
-    )
+    from imud.machine import posix as system
 else:
-    from imud.machine.other import (
-        PORT_ERRORS,
-        SerialWatch,
-        cpu_seconds,
-        drop_unsent,
-        free_bytes,
-        host_clock_ns,
-        is_administrator,
-        keep_others_out,
-        keys_of,
-        make_ours,
-        on_signals,
-        raise_files_limit,
-        read_keys,
-        sync,
-        try_lock,
-        wait_lock,
-    )
+    from imud.machine import other as system
 
-__all__ = [
-    "PORT_ERRORS",
-    "SerialWatch",
-    "cpu_seconds",
-    "drop_unsent",
-    "free_bytes",
-    "host_clock_ns",
-    "is_administrator",
-    "keep_others_out",
-    "keys_of",
-    "make_ours",
-    "on_signals",
-    "raise_files_limit",
-    "read_keys",
-    "sync",
-    "try_lock",
-    "wait_lock",
-]
+__all__ = ["system"]

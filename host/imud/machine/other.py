@@ -25,28 +25,18 @@ except ImportError:
     msvcrt = None  # type: ignore[assignment]
 
 PORT_ERRORS = (OSError, ValueError)
+# subprocess: "pass_fds: POSIX only".
+HANDS_ON_SOCKETS = False
 
 host_clock_ns = time.perf_counter_ns
 
 READ_S = 0.02  # how long a thread waits for bytes before it looks whether to end
 WRITE_S = 0.2
-LOCK_S = 0.05  # between two tries
-LIMIT = 8192  # files; the C library's own, which nobody here raises
 
 
-def try_lock(file: IO[Any], *, is_shared: bool = False) -> bool:
-    if msvcrt is None or is_shared:
-        return True
-    try:
-        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-    except OSError:
-        return False
+def try_lock(file: IO[Any], *, is_shared: bool = False) -> bool:  # noqa: ARG001
+    """Nothing is locked: a lock of Windows would keep readers from the bytes."""
     return True
-
-
-def wait_lock(file: IO[Any]) -> None:
-    while not try_lock(file):
-        time.sleep(LOCK_S)
 
 
 def sync(descriptor: int) -> None:
@@ -57,8 +47,8 @@ def free_bytes(folder: Path, descriptor: int | None = None) -> int:  # noqa: ARG
     return shutil.disk_usage(folder).free
 
 
-def raise_files_limit() -> int:
-    return LIMIT
+def raise_files_limit() -> None:
+    """Sockets are not limited so."""
 
 
 def cpu_seconds() -> float:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 # What opening or setting a port may raise.
 PORT_ERRORS = (termios.error, OSError, ValueError)
+# Whether a program that is started can get open sockets.
+HANDS_ON_SOCKETS = True
 
 # The host's time in ns, from its oscillator, which nothing sets or slews. NTP changes
 # the rate of CLOCK_MONOTONIC by up to 500 ppm, which would look like a jump of
@@ -50,11 +52,6 @@ def try_lock(file: IO[Any], *, is_shared: bool = False) -> bool:
     return True
 
 
-def wait_lock(file: IO[Any]) -> None:
-    """Locks an open file once it is free."""
-    fcntl.flock(file, fcntl.LOCK_EX)
-
-
 def sync(descriptor: int) -> None:
     """Has the disk keep what was written to a file."""
     getattr(os, "fdatasync", os.fsync)(descriptor)  # macOS has only the latter
@@ -66,15 +63,13 @@ def free_bytes(folder: Path, descriptor: int | None = None) -> int:
     return disk.f_bavail * disk.f_frsize
 
 
-def raise_files_limit() -> int:
-    """Takes as many open files and connections as the system allows at most, and says
-    how many: the usual limit of 1,024 is for programs that use select().
+def raise_files_limit() -> None:
+    """Takes as many open files and connections as the system allows at most: the usual
+    limit of 1,024 is for programs that use select().
     """
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with contextlib.suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-        return hard
-    return soft
 
 
 def cpu_seconds() -> float:

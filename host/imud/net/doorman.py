@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 from imud.endpoint import host_and_port, link_of
 from imud.errors import ConfigError, ListenFailed
+from imud.machine import system
 from imud.net.guard import CAME, REFUSED
 
 TLS = "tls"
@@ -38,6 +39,11 @@ class Doorman:
     """
 
     def __init__(self, endpoints: Sequence[str], on_refused: OnRefused) -> None:
+        if not system.HANDS_ON_SOCKETS:
+            raise ListenFailed(
+                "TLS ports have a guard, which this system can't hand sockets to: run "
+                "imud without keys, or on Linux"
+            )
         self._on_refused = on_refused
         self._names: OrderedDict[str, str] = OrderedDict()
         self._is_over = threading.Event()

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import cast
 
-from imud import machine
+from imud.machine import system
 from imud.net.strangers import DATA, RECORD_MAX, Address, Records, name_of
 
 # Connections of all addresses; of those, unfinished ones: of all, of one address.
@@ -285,7 +285,7 @@ async def _serve(inner: int, listening: list[socket.socket]) -> None:
 
 def main(arguments: list[str]) -> None:
     """`arguments`: Zenoh's own port, and the descriptors of the sockets to guard."""
-    machine.raise_files_limit()
+    system.raise_files_limit()
     inner, *descriptors = map(int, arguments)
     asyncio.run(_serve(inner, [socket.socket(fileno=each) for each in descriptors]))
 

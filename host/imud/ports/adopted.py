@@ -14,8 +14,8 @@ from pathlib import Path
 
 import msgspec
 
-from imud import machine
 from imud.errors import FileError
+from imud.machine import system
 from imud.ports.adapters import Listed, kind_of
 
 # A service's own folder, and that of a person who runs the daemon.
@@ -49,7 +49,7 @@ def file_of(named: str = "") -> Path:
         return Path(named)
     if folder := os.environ.get("STATE_DIRECTORY"):
         return Path(folder.split(":")[0]) / FILE
-    if machine.is_administrator() and SERVICE_FOLDER.is_dir():
+    if system.is_administrator() and SERVICE_FOLDER.is_dir():
         return SERVICE_FOLDER / FILE
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return Path(state) / "imud" / FILE

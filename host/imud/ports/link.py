@@ -12,8 +12,8 @@ from pathlib import Path
 
 import serial
 
-from imud import machine
 from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
+from imud.machine import system
 from imud.probes.timeline import host_ns
 
 # A port that does not exist is tried this often, which takes 10 us each time: a probe
@@ -50,7 +50,7 @@ class Link:
         self._on_fault = on_fault
         self._has_reset = has_reset
         self._serial: serial.Serial | None = None
-        self._watch: machine.SerialWatch | None = None
+        self._watch: system.SerialWatch | None = None
         self._pending = b""
         self._lost: asyncio.Future[LinkError] | None = None
 
@@ -71,8 +71,8 @@ class Link:
             return
         try:
             self._serial.baudrate = baud
-            machine.make_ours(self._serial)
-        except machine.PORT_ERRORS:
+            system.make_ours(self._serial)
+        except system.PORT_ERRORS:
             # It vanished, or its driver lacks that rate and keeps the one before.
             if self._watch is not None:
                 self._watch.read()
@@ -111,7 +111,7 @@ class Link:
             await _reset(port)
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
-        self._watch = machine.SerialWatch(port, host_ns, self._on_data, self._hang_up)
+        self._watch = system.SerialWatch(port, host_ns, self._on_data, self._hang_up)
         self._on_open()
         raise await self._lost
 
@@ -143,7 +143,7 @@ class Link:
             return
         self._unwatch()
         port, self._serial = self._serial, None
-        machine.drop_unsent(port)
+        system.drop_unsent(port)
         port.close()
 
 
@@ -184,17 +184,17 @@ def _open(name: str, baud: int) -> serial.Serial:
         port = serial.Serial(name, baud, timeout=0, exclusive=True)
     except serial.SerialException as error:
         raise _translated(name, error) from error
-    except machine.PORT_ERRORS as error:
+    except system.PORT_ERRORS as error:
         raise PortRefused(
             f"{name} can't be set to {baud} baud; is it a serial port?"
         ) from error
     try:
-        machine.make_ours(port)
+        system.make_ours(port)
     except OSError as error:
         port.close()
         raise PortLost(f"{name} vanished; it is opened when it is back") from error
     _ask_for_low_latency(port)
-    machine.keep_others_out(port, name)
+    system.keep_others_out(port, name)
     return port
 
 

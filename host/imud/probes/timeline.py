@@ -8,10 +8,10 @@ docs/clock.md has the arithmetic.
 
 from __future__ import annotations
 
-from imud import machine
 from imud._core import Rising
+from imud.machine import system
 
-host_ns = machine.host_clock_ns
+host_ns = system.host_clock_ns
 
 # Readings of the host's clocks further apart than this are not used; so the difference
 # of those clocks is known to this.

@@ -13,10 +13,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from io import BufferedWriter
 from pathlib import Path
 
-from imud import machine
 from imud.errors import FileError
 from imud.log.file import LogFile, Settings
 from imud.log.retention import KeptLogs
+from imud.machine import system
 from imud.probes.record import Presence, Record
 
 # Data goes to the kernel this often. The promise is 0.25 s; the rest is for a busy
@@ -71,7 +71,7 @@ class LogSink:
     def open(self) -> None:
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
-            if self._is_full(machine.free_bytes(self._directory)):
+            if self._is_full(system.free_bytes(self._directory)):
                 self._is_paused = True
                 return
             self.path, file = self._create()
@@ -122,12 +122,12 @@ class LogSink:
                 if self._syncing is not None:
                     self._syncing.result()
                 # Takes 20 ms, and longer on a busy disk: not in this thread.
-                self._syncing = self._syncer.submit(machine.sync, log.fileno())
+                self._syncing = self._syncer.submit(system.sync, log.fileno())
         except OSError as error:
             raise FileError(f"can't write {self.path}: {error.strerror}") from error
         self._sweep()
         self._is_paused = self._is_full(
-            machine.free_bytes(self._directory, log.fileno())
+            system.free_bytes(self._directory, log.fileno())
         )
         if (
             self._is_paused
@@ -221,5 +221,5 @@ class LogSink:
                 continue
             # Tells others that it is being written; not every file system can.
             with contextlib.suppress(OSError):
-                machine.try_lock(file)
+                system.try_lock(file)
             return path, file

@@ -20,8 +20,8 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING
 
-from imud import machine
 from imud.errors import FileError
+from imud.machine import system
 from imud.progress import Progress
 from imud.virtual.boards import VirtualBoard
 
@@ -59,7 +59,7 @@ def held(link: Path) -> Iterator[None]:
     except OSError as error:
         raise FileError(f"can't make {link}: {error.strerror}") from error
     with file:
-        if not machine.try_lock(file):
+        if not system.try_lock(file):
             raise FileError(
                 f"{link} is the port of another virtual probe; add --link {link}-2 "
                 "--seed 2 for one more, with an id of its own"

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from imud import machine
 from imud.cli import main
 from imud.cli import ports as room
 from imud.daemon import install
+from imud.machine import system
 from imud.ports import adopted, local, udev
 from ports_desk import Device
 
@@ -66,7 +66,7 @@ def test_root_adopts_for_the_service_and_modem_manager_hears_of_it(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(machine, "is_administrator", lambda: True)
+    monkeypatch.setattr(system, "is_administrator", lambda: True)
     monkeypatch.setattr(room, "SERVICE_SETTINGS", tmp_path / "etc" / "imud.toml")
     monkeypatch.setattr(room, "ROOT", tmp_path)
     monkeypatch.setattr(adopted, "SERVICE_FOLDER", tmp_path / "state")

@@ -14,6 +14,7 @@ import selectors
 import signal
 import stat
 import sys
+from subprocess import Popen
 from typing import Any
 
 MODULES = {"fcntl", "termios", "resource", "pty", "tty", "pwd", "grp", "syslog"}
@@ -41,11 +42,10 @@ def take_away() -> None:
 
     builtins.__import__ = importing
 
-    def refused(*_: Any) -> None:
-        raise NotImplementedError
-
-    for name in ("add_signal_handler", "subprocess_exec"):
-        setattr(asyncio.SelectorEventLoop, name, refused)
+    # Python's documentation, "Platform Support" of asyncio's event loops, Windows: this
+    # method is not there. Its base class, which raises, takes its place.
+    del asyncio.SelectorEventLoop.add_signal_handler
+    Popen.__init__ = without_descriptors(Popen.__init__)  # type: ignore[method-assign]
     for kind in (selectors.SelectSelector, selectors.EpollSelector):
         register = kind.register
 
@@ -58,6 +58,17 @@ def take_away() -> None:
             return register(self, fileobj, *rest)
 
         kind.register = sockets_alone  # type: ignore[method-assign]
+
+
+def without_descriptors(begin: Any) -> Any:
+    """As subprocess has it on Windows, for programs that imud starts itself."""
+
+    def started(self: Any, words: Any, *rest: Any, **named: Any) -> None:
+        if named.get("pass_fds"):
+            raise ValueError("pass_fds not supported on Windows.")
+        begin(self, words, *rest, **named)
+
+    return started
 
 
 class Poorer:

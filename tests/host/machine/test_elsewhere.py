@@ -13,10 +13,11 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
 from imud.cli import build_parser
 from imud.client import Client
 from imud.machine import other, posix
@@ -170,8 +171,28 @@ def test_every_command_is_tried_and_stands_in_the_table() -> None:
     assert set(commands or ()) <= named
 
 
-def test_both_modules_have_the_same_functions() -> None:
-    from imud import machine
+def test_keys_are_refused_where_a_guard_gets_no_sockets(tmp_path: Path) -> None:
+    said(tmp_path, "keys", ALONE["keys"][0])
+    words = ["--keys", "{}/keys", "--listen", free_endpoint().replace("tcp", "tls")]
+    found = said(tmp_path, "run", ["--no-log", "--no-page", *words])
+    assert "run imud without keys, or on Linux" in found
 
-    for module in (posix, other):
-        assert [name for name in machine.__all__ if not hasattr(module, name)] == []
+
+def own_names(module: ModuleType) -> set[str]:
+    """What a module defines, but for its private names and those of its insides."""
+    return {
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_")
+        and not isinstance(value, ModuleType)
+        and getattr(value, "__module__", module.__name__) == module.__name__
+    }
+
+
+def test_what_one_kind_of_system_has_the_other_has_too() -> None:
+    insides = {"LoopWatch", "ThreadWatch", "READ_S", "WRITE_S"}
+    missing = (own_names(posix) ^ own_names(other)) - insides
+    # The clock is a function of Python's own.
+    assert missing <= {"TYPE_CHECKING", "msvcrt"}
+    assert hasattr(posix, "host_clock_ns")
+    assert hasattr(other, "host_clock_ns")
