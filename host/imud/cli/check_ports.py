@@ -102,9 +102,8 @@ class OwnDaemon:
         for number in self._signals:
             self._signals[number] = signal.signal(number, signal.default_int_handler)
         words = ["run", self.port, "--no-log", "--no-page", "--log-level", "warning"]
-        words.append(
-            "--until-eof"
-        )  # it must not outlive this process, if that is killed
+        # It must not outlive this process, if that is killed.
+        words.append("--until-eof")
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imud", *words, "--listen", self.endpoint],
             stdin=subprocess.PIPE,

@@ -34,7 +34,6 @@ from imud.wire.messages import Message
 TICK_S = 0.1
 HEARD_S = 1.5  # a probe that sends raw samples is heard within this time
 SILENT_S = 8.0  # longer than a board needs to start again
-FIRST_S = 5.0  # the first status comes a second after the probe was found
 
 
 class LiveMessages:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""`imud demo` at work: virtual probes run the images that are flashed, the
-daemon reads their serial ports, and a subscriber shows poses as they come over Zenoh.
+"""`imud demo` at work: virtual probes run the images that are flashed, the daemon reads
+their serial ports, and a subscriber shows poses as they come over Zenoh.
 """
 
 from __future__ import annotations

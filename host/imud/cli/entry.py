@@ -39,20 +39,8 @@ from imud.errors import BuildFailed, ImudError, described
 FAULT = 70
 
 ROOMS = (
-    *(
-        daemon,
-        demo,
-        check,
-        sim,
-        watch,
-        body,
-        probe,
-        calibrate,
-        params,
-        recordings,
-        card,
-    ),
-    *(keys, ports, flash, completion),
+    *(daemon, demo, check, sim, watch, body, probe, calibrate, params),
+    *(recordings, card, keys, ports, flash, completion),
 )
 
 

@@ -20,10 +20,9 @@ from imud.cli.reached import NoProbeHere, Reached
 from imud.client import Client
 from imud.commands import LENT_MAX_S
 from imud.errors import CommandRefused, FlashError, LinkError, ProbeUnknown
-from imud.flash import f405, firmware, nano
+from imud.flash import OnProgress, f405, firmware, nano
 from imud.flash.errors import HalfWritten
 from imud.flash.firmware import ALL_FILTERS, BOARDS, Image
-from imud.flash.nano import OnProgress
 from imud.ports.holders import holders_of
 from imud.progress import Progress
 from imud.wire.schema import FINGERPRINT
@@ -151,8 +150,10 @@ def _say_image(image: Image) -> None:
         with_filter = "" if about.filter == ALL_FILTERS else f", filter {about.filter}"
         what = f"{about.version}{with_filter}, {what}"
     _say(f"to write: {what}: {image.path}")
-    if (is_signed := firmware.is_signed(image.path.parent)) is not None and is_signed:
-        _say("its manifest is signed by the release's key")
+    is_signed = firmware.is_signed(image.path.parent)
+    if is_signed is not None:
+        by = "the release's key" if is_signed else "nobody"
+        _say(f"its manifest is signed by {by}")
 
 
 def _check_step(hello: dict[str, Any], image: Image, *, is_forced: bool) -> None:
@@ -202,6 +203,8 @@ def _write(write: Write, kind: str, port: str, image: Image) -> None:
     """Writes and reads back, again if it was not kept. FlashError with what to do."""
     began_s = time.monotonic()
     again = f"{COMMAND} {port} --board {kind}"
+    if write is _by_dfu:
+        again = f"{COMMAND} --board {kind} --by dfu"
     for tries_left in reversed(range(TRIES)):
         bar = Progress("writing", 1.0)
 
@@ -224,7 +227,7 @@ def _write(write: Write, kind: str, port: str, image: Image) -> None:
             hint = f" ({holders} has it open)" if holders else ""
             raise FlashError(f"{error}{hint}; nothing was written") from error
         except KeyboardInterrupt:
-            bar.end()
+            bar.end()  # what is said comes below it
             _say(f"stopped: the board may have no firmware that runs; run: {again}")
             raise
         finally:

@@ -12,13 +12,12 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import serial
 
 from imud.errors import FlashError
-from imud.flash import serial_port
+from imud.flash import OnProgress, serial_port
 from imud.flash.an3155 import BLOCK_MAX, An3155
 from imud.flash.errors import HalfWritten, WrongChip
 from imud.flash.firmware import F405_AT, F405_MAX
@@ -32,8 +31,6 @@ SECTORS = (*4 * (16 * 1024,), 64 * 1024, *5 * (128 * 1024,))
 DFU_ID = "0483:df11"
 DFU_LIST_S = 10.0
 DFU_WRITE_S = 120.0
-
-OnProgress = Callable[[int, int], None]
 
 
 def flash(port: str, image: bytes, on_progress: OnProgress, *, sync_s: float) -> int:
@@ -113,7 +110,10 @@ def write_by_dfu_util(image: bytes, *, wait_s: float = SYNC_S) -> int:
         path = Path(folder) / "firmware.bin"
         path.write_bytes(image)
         words = ["-d", DFU_ID, "-a", "0", "-s", f"{F405_AT:#x}:leave", "-D", str(path)]
-        status, text = _run([program, *words], DFU_WRITE_S)
+        try:
+            status, text = _run([program, *words], DFU_WRITE_S)
+        except FlashError as error:
+            raise HalfWritten(str(error)) from error
     # It tells an error of the last request, in which the board has left already.
     if status != 0 and "File downloaded successfully" not in text:
         last = text.strip().splitlines()[-1:] or ["no word"]
@@ -134,5 +134,5 @@ def _run(words: list[str], seconds: float) -> tuple[int, str]:
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise HalfWritten(f"dfu-util did not end in {seconds:g} s") from error
+        raise FlashError(f"dfu-util did not end in {seconds:g} s") from error
     return done.returncode, done.stdout

@@ -196,13 +196,15 @@ def _listed(folder: Path) -> tuple[Firmware, ...]:
 
 
 def is_signed(folder: Path, keys: Path | None = None) -> bool | None:
-    """Whether the manifest in a folder is signed by a key that is known. None if it has
-    no signature, or if this imud knows no key; FlashError if the signature is wrong.
+    """Whether the manifest in a folder is signed by a key that is known; False if it
+    has no signature, None if this imud knows no key. FlashError if it is wrong.
     """
     known = [*_keys(KEYS if keys is None else keys)]
-    path = folder / SIGNATURE
-    if not known or not path.exists():
+    if not known:
         return None
+    path = folder / SIGNATURE
+    if not path.exists():
+        return False
     try:
         signature = bytes.fromhex(path.read_text("ascii"))
     except ValueError as error:

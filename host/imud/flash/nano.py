@@ -12,7 +12,7 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping
 
 from imud.errors import FlashError
-from imud.flash import serial_port
+from imud.flash import OnProgress, serial_port
 from imud.flash.errors import HalfWritten, WrongChip
 from imud.flash.stk500 import BootWire, NoBootloader, Stk500
 
@@ -41,8 +41,6 @@ LOOP = b"\xff\xcf"
 
 # Opens the port at a rate and resets the board by it.
 Reset = Callable[[int], contextlib.AbstractContextManager[BootWire]]
-# How many bytes of how many are done.
-OnProgress = Callable[[int, int], None]
 
 
 @contextlib.contextmanager

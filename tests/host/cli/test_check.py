@@ -90,7 +90,7 @@ def test_a_probe_that_is_not_there_is_one_line_with_those_that_are(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(check_source, "FIRST_S", 0.2)
+    monkeypatch.setattr(reached, "FIRST_S", 0.2)
     line = refused(capsys, "stylus", "--connect", chain.daemon.endpoint)
     assert f"no probe stylus is there; name one: {chain.probe.name}" in line
 

@@ -8,9 +8,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
+import msgspec
 import pytest
 from intelhex import IntelHex
 
@@ -18,9 +21,12 @@ from fakes import free_endpoint
 from host.flash.stm32_rom import BASE, Stm32Rom
 from host.flash.test_f405 import FOUND, dfu_util
 from imud import cli
-from imud.cli import check_ports, reached
-from imud.flash import f405
+from imud.cli import check_ports, flash_run, reached
+from imud.errors import FlashError
+from imud.flash import f405, firmware
+from imud.wire.schema import FINGERPRINT
 
+SCHEMA = f"{FINGERPRINT:08x}"
 CODE = bytes.fromhex("00200010 41010008") + bytes(range(256)) * 40
 
 
@@ -46,7 +52,7 @@ def image(tmp_path: Path) -> Path:
         "board": "f405",
         "filter": "all",
         "version": "9.9.9+1234567",
-        "schema": "03b33511",
+        "schema": SCHEMA,
         "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "bytes": len(CODE),
     }
@@ -112,6 +118,30 @@ def test_what_makes_no_sense_is_one_line(
     assert says in line
     assert line.count("\n") == 1
     assert rom.erased == []
+
+
+@pytest.mark.parametrize(
+    ("version", "schema", "says"),
+    [
+        ("0.2.0+aaaaaaa", SCHEMA, "the board has 0.2.0+aaaaaaa already; --force"),
+        ("0.1.9+bbbbbbb", SCHEMA, "older than the board's 0.2.0+aaaaaaa; --force"),
+        ("0.3.0+bbbbbbb", "00000000", "speaks schema 00000000, and this imud"),
+        ("0.2.0+bbbbbbb", SCHEMA, ""),
+        ("0.10.0+bbbbbbb", SCHEMA, ""),
+        ("0.2.0+bbbbbb-d", SCHEMA, ""),
+    ],
+)
+def test_only_a_step_ahead_is_written_without_force(
+    version: str, schema: str, says: str, image: Path
+) -> None:
+    given = firmware.read(image)
+    assert given.about is not None
+    about = msgspec.structs.replace(given.about, version=version, schema=schema)
+    offered = firmware.Image(given.path, given.code, given.sha256, about)
+    hello = {"firmware": "0.2.0+aaaaaaa", "filter": "fuse"}
+    with pytest.raises(FlashError, match=re.escape(says)) if says else nullcontext():
+        flash_run._check_step(hello, offered, is_forced=False)
+    flash_run._check_step(hello, offered, is_forced=True)
 
 
 def test_a_rom_that_does_not_answer_leaves_the_board_as_it_was(

@@ -130,7 +130,8 @@ def test_a_manifest_is_signed_by_a_known_key_or_refused(tmp_path: Path) -> None:
     keys = tmp_path / "keys.txt"
     signature = tmp_path / "manifest.json.sig"
 
-    assert firmware.is_signed(tmp_path) is None  # no signature
+    keys.write_text(f"{raw_key(ours)}\n")
+    assert firmware.is_signed(tmp_path, keys) is False  # no signature
     signature.write_text(ours.sign((tmp_path / "manifest.json").read_bytes()).hex())
     keys.write_text("# nobody yet\n")
     assert firmware.is_signed(tmp_path, keys) is None  # no key is known
