@@ -124,11 +124,10 @@ class Served:
 
 @contextlib.contextmanager
 def served(probe: LiveProbe, folder: Path) -> Iterator[Served]:
-    with (
-        DaemonProcess(probe.port, directory=folder) as daemon,
-        Client(daemon.endpoint) as client,
-    ):
-        yield Served(daemon, client)
+    with DaemonProcess(probe.port, directory=folder) as daemon:
+        daemon.expect("listens on")
+        with Client(daemon.endpoint) as client:
+            yield Served(daemon, client)
         daemon.stop()
 
 
@@ -139,9 +138,10 @@ def test_a_running_daemon_lends_its_port_and_the_params_stay(
     with board(stub, bootloader) as probe, served(probe, stub.folder) as desk:
         desk.give_params()
         image = offered(stub)
-        said = flash.ends_well(*desk.words, "--image", image, "--dry-run")
+        words = (*desk.words, "--image", image, "--force")
+        said = flash.ends_well(*words, "--dry-run")
         assert "nothing was written" in said
-        said = flash.ends_well(*desk.words, "--image", image, "--force")
+        said = flash.ends_well(*words)
         assert "pages written and read back" in said
         assert KEPT in said
         assert not [*state.iterdir()]  # not needed any more
