@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -201,9 +202,11 @@ def test_killed_in_the_midst_it_says_how_to_go_on_and_then_does(
             stderr=slave,
         )
         os.close(slave)
-        heard = ""
-        while f"{share:4.0%}" not in heard:
+        heard, percent = "", -1
+        while percent < 100.0 * share:
             heard += os.read(master, 4096).decode(errors="replace")
+            # Writing, and not the reading back that comes after it.
+            percent = max(map(int, re.findall(r"writing\D* (\d+)%", heard)), default=-1)
         killed.send_signal(signal.SIGKILL)
         killed.wait(PATIENCE_S)
         os.close(master)
