@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long hours fresh bits coverage fuzz check compilers mutate \
-	format firmware sim bench pictures release site installed setup clean
+	format lock firmware sim bench pictures release site installed setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -85,6 +85,10 @@ compilers: ## the Nano's images with avr-gcc 5.4, 7.3 and 14.2: bytes, and the r
 format: ## lays out C and Python
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py --format
+
+lock: ## requirements.lock anew: the newest versions that pyproject.toml allows
+	@$(PYTHON) tools/setup.py check
+	@python tools/locked.py
 
 firmware: ## the image of a board (BOARD=nano, f405, micropython)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)

@@ -18,10 +18,12 @@ import subprocess
 import sys
 import tarfile
 import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import debian
+import locked
 import notices
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -39,6 +41,7 @@ IMAGES = {
 }
 STRIP = {"nano": "avr-strip", "f405": "arm-none-eabi-strip"}
 SUMS = "SHA256SUMS"
+REQUIREMENTS = "requirements.txt"  # read by packages/deb/make.py, too
 OURS = ("imu-probe", "imu-probe-firmware", "imu-probe-sim")
 EMULATORS = ("nano", "f405")
 # Debian's sources of what is inside the emulators.
@@ -191,9 +194,12 @@ class Release:
         """Which packages of others are installed with ours (CycloneDX), and sums."""
         room = self.place / "room"
         self.run("room for the list", sys.executable, "-m", "venv", room)
+        install = (room / "bin" / "pip", "install", "-q")
+        words = ("--require-hashes", "-r", self._write_requirements())
+        self.run("packages of others", *install, *words)
         ours = [f"{name}=={self.version}" for name in OURS]
-        words = ("install", "-q", "--find-links", self.dist, *ours)
-        self.run("packages of others", room / "bin" / "pip", *words)
+        words = ("--no-deps", "--find-links", self.dist)
+        self.run("ours", *install, *words, *ours)
         listed = self.place / "sbom.json"
         self.run(
             "list of what is inside",
@@ -203,6 +209,15 @@ class Release:
         shutil.copy(listed, self.dist / f"imu-probe-{self.version}.cdx.json")
         sums = [f"{_sha256(path)}  {path.name}\n" for path in sorted(self._files())]
         (self.dist / SUMS).write_text("".join(sums))
+
+    def _write_requirements(self) -> Path:
+        """What imud needs of others, in the versions that it was tested with."""
+        project = tomllib.loads((self.source / "pyproject.toml").read_text())
+        packages = locked.read((self.source / locked.LOCK.name).read_text())
+        lines = locked.lines_for(project["project"]["dependencies"], packages)
+        path = self.dist / REQUIREMENTS
+        path.write_text("\n".join(lines) + "\n")
+        return path
 
     def _files(self) -> Iterator[Path]:
         return (path for path in self.dist.iterdir() if path.name != SUMS)

@@ -24,6 +24,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NoReturn
 
+import locked
 from needs import (
     BOARD_NEEDS,
     BROWSING,
@@ -76,7 +77,7 @@ def main(arguments: Sequence[str]) -> None:
         run_under_another_python(arguments)
     BUILD.mkdir(exist_ok=True)
     if args.command == PACKAGE:
-        with locked():
+        with alone():
             install_package()
         return
     boards = tuple(ENVIRONMENTS) if args.board == "both" else (args.board,)
@@ -85,7 +86,7 @@ def main(arguments: Sequence[str]) -> None:
         boards = (*boards, MICROPYTHON)
     elif MICROPYTHON in boards:
         groups = (*groups, MICROPYTHON)
-    with locked():
+    with alone():
         LOG.write_text("")
         needs = system_needs(args.command, boards)
         refuse_what_cannot_be_installed(PYTHON_NEEDS + needs)
@@ -114,7 +115,7 @@ def main(arguments: Sequence[str]) -> None:
 
 
 @contextlib.contextmanager
-def locked() -> Iterator[None]:
+def alone() -> Iterator[None]:
     """Wait until no other process sets anything up."""
     with (BUILD / ".setup.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -225,11 +226,16 @@ def install_requirements(groups: Sequence[str]) -> None:
     wanted = list(project["project"]["dependencies"])
     for group in groups:
         wanted += project["dependency-groups"][group]
+    if locked.is_used():
+        wanted = locked.lines_for(wanted, locked.read(locked.LOCK.read_text()))
     stamp = VENV / "requirements.json"
     there = json.loads(stamp.read_text()) if stamp.exists() else []
     if set(wanted) <= set(there):
         return
-    step("Python packages", *pip("install", *wanted))
+    listed = BUILD / "requirements.txt"
+    listed.write_text("\n".join(wanted))
+    hashes = ("--require-hashes",) if locked.is_used() else ()
+    step("Python packages", *pip("install", *hashes, "--requirement", str(listed)))
     stamp.write_text(json.dumps(sorted({*there, *wanted})))
 
 

@@ -69,7 +69,9 @@ def install(dist: Path) -> None:
     """The environment, as it will be: its path is inside its scripts."""
     run(sys.executable, "-m", "venv", HOME)
     pip = (HOME / "bin" / "pip", "install", "--quiet", "--no-compile")
-    run(*pip, "--find-links", dist, "imu-probe", "imu-probe-firmware")
+    run(*pip, "--require-hashes", "--requirement", dist / "requirements.txt")
+    ours = ("imu-probe", "imu-probe-firmware")
+    run(*pip, "--no-deps", "--find-links", dist, *ours)
     run(HOME / "bin" / "pip", "uninstall", "--quiet", "--yes", "pip", "setuptools")
 
 
