@@ -110,10 +110,13 @@ class ServerThread:
             with contextlib.suppress(RuntimeError):  # it has ended
                 self._loop.call_soon_threadsafe(function, *arguments)
 
-    def close(self) -> None:
+    def close(self, patience_s: float | None = None) -> None:
+        """Ends it; waits so long that what it serves ends well, by default as long as
+        for its start.
+        """
         if self._thread.is_alive():
             self.call(self._stop.set)
-            self._thread.join(self._patience_s)
+            self._thread.join(self._patience_s if patience_s is None else patience_s)
         if self._socket is not None:
             self._socket.close()
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from websockets.sync.client import connect
 
 import bootloaders
 from bootloaders import ATMEGABOOT, OPTIBOOT_4
@@ -30,6 +31,7 @@ from imud.params import file
 from length import choose
 from system.live import LiveProbe
 from system.virtual import NANO, Stub
+from web.served import Live
 
 EVERY = pytest.mark.parametrize("bootloader", [OPTIBOOT_4, ATMEGABOOT])
 ONE = pytest.mark.parametrize(
@@ -129,6 +131,41 @@ def served(probe: LiveProbe, folder: Path) -> Iterator[Served]:
         daemon.expect("listens on")
         with Client(daemon.endpoint) as client:
             yield Served(daemon, client)
+        daemon.stop()
+
+
+def older(stub: Stub) -> Path:
+    """The image as it was before this version; it says so in its hello."""
+    version = b"0.1.0+"
+    code = stub.image.read_bytes()
+    assert code.count(version) == 1
+    path = stub.folder / "older.elf"
+    path.write_bytes(code.replace(version, b"0.0.9+"))
+    return path
+
+
+def test_the_page_writes_what_is_newer(stub: Stub) -> None:
+    with (
+        board(stub, OPTIBOOT_4, older(stub)) as probe,
+        DaemonProcess(probe.port, directory=stub.folder, page=True) as daemon,
+    ):
+        url = daemon.expect("the page is at").rpartition(" ")[2]
+        with Client(daemon.endpoint) as client:
+            name = client.wait_for(seconds=PATIENCE_S)
+            client.change_params(name, PARAMS.encode())
+        live = f"{url.replace('http', 'ws')}/live"
+        with connect(live, origin=url, compression=None, max_size=None) as connection:
+            visitor = Live(connection)
+            visitor.say(do="update", id=1, probe=name)
+            while (state := visitor.next("update"))["phase"] == "running":
+                pass
+        said = "\n".join(state["said"])
+        assert (state["phase"], state["why"]) == ("done", ""), said
+        assert "firmware 0.0.9+" in said
+        assert "-> 0.1.0+" in said
+        assert KEPT in said
+        with Client(daemon.endpoint) as client:
+            assert client.command(name, "start")["ok"]
         daemon.stop()
 
 

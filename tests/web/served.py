@@ -15,6 +15,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from imud.flash.firmware import Firmware
 from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import Users
@@ -44,6 +45,7 @@ class Served:
         logs: LogFolder | None = None,
         origins: Collection[str] = (),
         ports: PortDesk | None = None,
+        firmware: tuple[Firmware, ...] | None = None,
     ) -> None:
         self.asked = Asked()
         self.notices: list[str] = []
@@ -53,6 +55,7 @@ class Served:
             users=users,
             logs=logs,
             ports=ports,
+            firmware=firmware,
             origins=origins,
             on_notice=lambda _, text, __: self.notices.append(text),
         )

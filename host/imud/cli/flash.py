@@ -63,6 +63,8 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="also an image that is older, the same, or speaks another protocol",
     )
+    # Its page has begun it, and answers on stdin: cli/flash_desk.py.
+    flash.add_argument("--for-page", action="store_true", help=argparse.SUPPRESS)
     add_network(flash)
     flash.set_defaults(run=_flash)
 

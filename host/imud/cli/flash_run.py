@@ -14,17 +14,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from imud.cli import flash_params, reached
+from imud.cli import flash_desk, flash_params, reached
 from imud.cli.check_ports import only_port
+from imud.cli.flash_desk import FlashBar, FlashDesk
 from imud.cli.reached import NoProbeHere, Reached
-from imud.client import Client
 from imud.commands import LENT_MAX_S
-from imud.errors import CommandRefused, FlashError, LinkError, ProbeUnknown
+from imud.errors import CommandRefused, FlashError, ImudError, LinkError, ProbeUnknown
 from imud.flash import OnProgress, f405, firmware, nano
 from imud.flash.errors import HalfWritten
 from imud.flash.firmware import ALL_FILTERS, BOARDS, Image
 from imud.ports.holders import holders_of
-from imud.progress import Progress
 from imud.wire.schema import FINGERPRINT
 
 COMMAND = "imud flash"
@@ -39,11 +38,25 @@ Write = Callable[[str, Image, OnProgress], str]
 
 def run(args: argparse.Namespace) -> int:
     """Flashes one board; returns the exit code."""
+    if args.for_page:
+        return _run_for_page(args)
     with contextlib.ExitStack() as stack:
         found = _found(args, stack)
         if found is None:
             return _flash_unknown(args)
-        return _flash_probe(args, found)
+        return _flash_probe(args, found.client, found.status, found.title)
+
+
+def _run_for_page(args: argparse.Namespace) -> int:
+    desk = flash_desk.page_desk()
+    try:
+        statuses = desk.statuses(args.port)
+        if not statuses:
+            raise ProbeUnknown(f"no probe {args.port} is there")
+        return _flash_probe(args, desk, statuses[0], args.port)
+    except ImudError as error:
+        desk.tell(error=str(error))
+        return 1
 
 
 def _found(args: argparse.Namespace, stack: contextlib.ExitStack) -> Reached | None:
@@ -73,7 +86,7 @@ def _flash_unknown(args: argparse.Namespace) -> int:
     if args.dry_run:
         _say("nothing was written")
         return 0
-    _write(write, args.board, port, image)
+    _write(write, args.board, port, image, None)
     if write is not _by_nano:
         _say("see imud list once it is wired as it is used")
         return 0
@@ -85,8 +98,9 @@ def _flash_unknown(args: argparse.Namespace) -> int:
     return 0
 
 
-def _flash_probe(args: argparse.Namespace, found: Reached) -> int:
-    client, status = found.client, found.status
+def _flash_probe(
+    args: argparse.Namespace, desk: FlashDesk, status: dict[str, Any], title: str
+) -> int:
     name, hello = str(status["probe"]), dict(status["hello"])
     kind = args.board or str(hello["board"])
     if args.board not in (None, hello["board"]):
@@ -96,23 +110,23 @@ def _flash_probe(args: argparse.Namespace, found: Reached) -> int:
         )
     write = _writer(args, kind)
     image = _chosen(args, kind, hello)
-    _say(f"{found.title}: {BOARDS[kind]}, firmware {hello['firmware']}")
+    _say(f"{title}: {BOARDS[kind]}, firmware {hello['firmware']}")
     _say_image(image)
     _check_step(hello, image, is_forced=args.force)
     if args.dry_run:
         _say("nothing was written")
         return 0
-    flash_params.keep(client, status, is_forced=args.force)
-    with _lent(client, name) as port:
-        _write(write, kind, port, image)
+    flash_params.keep(desk, status, is_forced=args.force)
+    with _lent(desk, name) as port:
+        _write(write, kind, port, image, desk)
     if write is not _by_nano:
         _say("wire it as it is used (docs/f405.md), take BOOT0 off, and press RST")
-    now = _back(client, name, image)
+    now = _back(desk, name, image)
     _say(f"firmware {hello['firmware']} -> {now['hello']['firmware']}")
     had, has = hello.get("filter"), now["hello"]["filter"]
     if had not in (None, has):
         _say(f"filter {had} -> {has}")
-    flash_params.restore(client, now)
+    flash_params.restore(desk, now)
     return 0
 
 
@@ -185,9 +199,9 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 @contextlib.contextmanager
-def _lent(client: Client, name: str) -> Iterator[str]:
+def _lent(desk: FlashDesk, name: str) -> Iterator[str]:
     """The port of a probe, which its daemon has closed meanwhile."""
-    port = str(client.command(name, "lend", seconds=str(LENT_MAX_S))["value"])
+    port = str(desk.command(name, "lend", seconds=str(LENT_MAX_S))["value"])
     try:
         if not Path(port).exists():
             raise FlashError(
@@ -196,19 +210,21 @@ def _lent(client: Client, name: str) -> Iterator[str]:
         yield port
     finally:
         with contextlib.suppress(CommandRefused):
-            client.command(name, "lend", seconds="0")
+            desk.command(name, "lend", seconds="0")
 
 
-def _write(write: Write, kind: str, port: str, image: Image) -> None:
+def _write(
+    write: Write, kind: str, port: str, image: Image, desk: FlashDesk | None
+) -> None:
     """Writes and reads back, again if it was not kept. FlashError with what to do."""
     began_s = time.monotonic()
     again = f"{COMMAND} {port} --board {kind}"
     if write is _by_dfu:
         again = f"{COMMAND} --board {kind} --by dfu"
     for tries_left in reversed(range(TRIES)):
-        bar = Progress("writing", 1.0)
+        bar = flash_desk.bar_for(desk)
 
-        def on_progress(done: int, of: int, bar: Progress = bar) -> None:
+        def on_progress(done: int, of: int, bar: FlashBar = bar) -> None:
             bar.update(done / of)
 
         try:
@@ -236,12 +252,12 @@ def _write(write: Write, kind: str, port: str, image: Image) -> None:
         return
 
 
-def _back(client: Client, name: str, image: Image) -> dict[str, Any]:
+def _back(desk: FlashDesk, name: str, image: Image) -> dict[str, Any]:
     """The status of the probe, once it runs what was written."""
     until_s = time.monotonic() + BACK_S
     wanted = None if image.about is None else image.about.version
     while time.monotonic() < until_s:
-        for status in client.statuses(name):
+        for status in desk.statuses(name):
             hello = status["hello"]
             is_there = status["state"] not in ("gone", "silent")
             if is_there and wanted in (None, hello.get("firmware")):

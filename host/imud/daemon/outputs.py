@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,9 @@ from imud.daemon.lane import Sink
 from imud.daemon.log_state import LOG
 from imud.daemon.reports import NETWORK
 from imud.endpoint import host_and_port
-from imud.errors import ListenFailed
+from imud.errors import FlashError, ListenFailed
+from imud.flash import firmware
+from imud.flash.firmware import Firmware
 from imud.log.file import Settings
 from imud.log.retention import Retention
 from imud.net.network import own_credentials
@@ -34,6 +37,8 @@ from imud.web.users import KeyUsers, Users
 
 # Names of sinks.
 ROS2, PAGE, FOXGLOVE, OPENIGTLINK = "ros2", "web", "foxglove", "openigtlink"
+
+logger = logging.getLogger("imud")
 BESIDE = (PAGE, FOXGLOVE, OPENIGTLINK)
 
 
@@ -156,6 +161,7 @@ class Outputs:
                 users=users,
                 logs=logs,
                 ports=LocalPorts(config.ports),
+                firmware=offered_firmware(),
                 origins=origins,
                 on_notice=self._on_notice,
             )
@@ -186,6 +192,15 @@ class Outputs:
     def _logger(self, directory: str, settings: Settings) -> LogSink:
         self._log = LogSink(Path(directory), settings)
         return self._log
+
+
+def offered_firmware() -> tuple[Firmware, ...]:
+    """Images for the page's button; none if they can't be trusted, which is told."""
+    try:
+        return firmware.offered()
+    except FlashError as error:
+        logger.warning("no firmware is offered: %s", error)
+        return ()
 
 
 def _log_settings(config: Config) -> Settings:

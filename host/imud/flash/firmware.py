@@ -169,6 +169,20 @@ def ready_made(board: str, wanted: str) -> Path:
     raise FlashError(f"there is no image with the filter {wanted}, only {filters}")
 
 
+def offered() -> tuple[Firmware, ...]:
+    """The images that are there: of the package with firmware, or those that this
+    checkout has built. FlashError if somebody else has changed them.
+    """
+    if checkout.is_checkout():
+        built = sorted((checkout.ROOT / ".pio" / "build").glob(f"*/{MANIFEST}"))
+        return tuple(each for path in built for each in _listed(path.parent))
+    folder = packaged.folder_of(packaged.FIRMWARE)
+    if folder is None:
+        return ()
+    is_signed(folder)
+    return _listed(folder)
+
+
 def _built(board: str, wanted: str) -> Path:
     environment = "stm32f405" if board == "f405" else "nano"
     if board == "nano" and wanted != "fuse":

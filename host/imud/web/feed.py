@@ -12,11 +12,12 @@ from collections.abc import Iterable, Mapping
 Key = tuple[str, str]  # probe and topic
 
 CALIBRATION = "calibration"  # the server's own: how a guided calibration does
+UPDATE = "update"  # the server's own: how new firmware gets into a probe
 BODY = "body"  # the state of a limb, in the place of a probe
 
 # Topics that everybody sees, as their last payload; of events everyone.
 LATEST = frozenset(
-    {"pose", "status", "params", "clock", "log", "twin", CALIBRATION, BODY}
+    {"pose", "status", "params", "clock", "log", "twin", CALIBRATION, UPDATE, BODY}
 )
 EVENT = "event"
 # Topics of which a browser can ask for every payload of one probe.

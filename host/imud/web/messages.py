@@ -67,6 +67,13 @@ class Calibrate(_Message, frozen=True):
     kind: Kind | Literal["end", "stop"]
 
 
+class Update(_Message, frozen=True):
+    """Writes the newest firmware into a probe."""
+
+    id: int
+    probe: Name
+
+
 class Logs(_Message, frozen=True):
     """Asks for the list of logs; the answer has the same id."""
 
@@ -122,6 +129,7 @@ BrowserMessage = (
     | Seen
     | Ask
     | Calibrate
+    | Update
     | Logs
     | Read
     | Ports

@@ -21,16 +21,18 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
+from imud.flash.firmware import Firmware
 from imud.serving import ServerThread, faults, listen
 from imud.version import version
 from imud.web import doors, gate
 from imud.web.browser import Browser
-from imud.web.feed import CALIBRATION, Feed, Key
+from imud.web.feed import CALIBRATION, UPDATE, Feed, Key
 from imud.web.files import Files
 from imud.web.gate import Connection, Gate, OnNotice
 from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
 from imud.web.playing import Players
+from imud.web.updater import Updates
 from imud.web.users import Everybody, Users
 from imud.web.visit import Host, OnAsk, PortDesk, Visit
 from imud.wire import schema
@@ -38,7 +40,8 @@ from imud.wire import schema
 MESSAGE_MAX = 16 * 1024  # bytes from a browser: a command with its parameters
 HANDSHAKE_S = 5.0
 CLOSE_S = 0.5
-PATIENCE_S = 2.0  # to wait for the thread to start, and to end
+PATIENCE_S = 2.0  # to wait for the thread to start
+WRITING_S = 30.0  # to wait for its end: a board may be half written
 
 # The version changes with what would break a program: docs/stream.md.
 STREAM_VERSION = 1
@@ -64,20 +67,26 @@ class Page:
         about: Mapping[str, Any] | None = None,
         logs: LogFolder | None = None,
         ports: PortDesk | None = None,
+        firmware: tuple[Firmware, ...] | None = None,
         origins: Collection[str] = (),
         on_notice: OnNotice = lambda *_: None,
     ) -> None:
-        """`origins`: sites whose pages may open the stream, as https://example.org."""
+        """`firmware`: the images for the boards of this machine; None: of another.
+        `origins`: sites whose pages may open the stream, as https://example.org."""
         self._address = address
         self._origins = frozenset(origins)
         self._feed = Feed()
         self._gate = Gate(on_notice)
         page = {"type": "page", "imud": version(), **(about or {})}
         users = users or Everybody()
-        self._guides = Guides(self._feed, self._ask, self._tell)
+        self._guides = Guides(self._feed, self._ask, partial(self._tell, CALIBRATION))
+        self._updates = None
+        if firmware is not None:
+            told = partial(self._tell, UPDATE)
+            self._updates = Updates(firmware, self._feed, self._ask, told)
         self._host = Host(
             *(self._gate, self._feed, users, on_ask, page),
-            *(self._guides, Players(), logs, ports),
+            *(self._guides, Players(), logs, ports, self._updates),
         )
         self._on_ask = on_ask
         self._files = Files()
@@ -110,7 +119,7 @@ class Page:
         )
 
     def close(self) -> None:
-        self._thread.close()
+        self._thread.close(WRITING_S)
 
     def publish(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
         """What was published, by probe and topic: JSON on one line."""
@@ -145,10 +154,12 @@ class Page:
         ):
             yield
             await self._guides.close()
+            if self._updates is not None:
+                await self._updates.close()
 
-    def _tell(self, probe: str, state: bytes) -> None:
-        """How a calibration does."""
-        self._feed.add([((probe, CALIBRATION), state)])
+    def _tell(self, topic: str, probe: str, state: bytes) -> None:
+        """How a calibration or an update does."""
+        self._feed.add([((probe, topic), state)])
         self._deliver()
 
     async def _ask(

@@ -17,8 +17,9 @@ from imud.errors import ConfigError
 from imud.net import access
 from imud.net.network import USERS, read_roles
 from imud.roles import Role
-from imud.web.feed import BODY, CALIBRATION, EVENT, LATEST, STREAMS
+from imud.web.feed import BODY, CALIBRATION, EVENT, LATEST, STREAMS, UPDATE
 
+LEND = "lend"  # the command that an update of the firmware needs
 TOPICS = LATEST | STREAMS | {EVENT}
 
 
@@ -29,6 +30,11 @@ class Grant(msgspec.Struct, frozen=True):
     reads: frozenset[str]  # topics
     commands: frozenset[str]
     logs: bool  # download them
+
+    @property
+    def may_update(self) -> bool:
+        """Write new firmware into probes."""
+        return LEND in self.commands
 
     def may_send(self, command: str) -> bool:
         """Whether it may send this command. The daemon refuses unknown ones."""
@@ -42,8 +48,8 @@ EVERYTHING = Grant("everybody", TOPICS, commands=frozenset(COMMANDS), logs=True)
 
 def grant_of(role: Role) -> Grant:
     """The rights of a role on the network, which it has on the page as well."""
-    # A calibration is made of raw samples, a limb of poses.
-    as_topic = {CALIBRATION: "raw", BODY: "pose"}
+    # A calibration is made of raw samples, a limb of poses; an update is a command's.
+    as_topic = {CALIBRATION: "raw", BODY: "pose", UPDATE: access.CMD + LEND}
     reads = frozenset(
         topic for topic in TOPICS if role in access.who_may(as_topic.get(topic, topic))
     )

@@ -12,6 +12,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.frames import CloseCode
 
 from imud.errors import ImudError
+from imud.flash.firmware import Firmware
 from imud.web.browser import Browser
 from imud.web.feed import CALIBRATION, Feed
 from imud.web.gate import Gate
@@ -29,10 +30,12 @@ from imud.web.messages import (
     Read,
     Seek,
     Seen,
+    Update,
     Watch,
     decode,
 )
 from imud.web.playing import Players, Playing
+from imud.web.updater import UpdateError, Updates
 from imud.web.users import NOTHING, Grant, Users
 
 # Answers a command: JSON and no error, or an error.
@@ -42,6 +45,7 @@ OnAsk = Callable[[str, str, dict[str, str], Answer], None]
 
 TOO_MUCH = "too many commands at once"
 NO_LOGS = "there are no logs for your role"
+NO_UPDATES = "your role does not allow new firmware"
 NO_PORTS = "there are no ports for your role"
 ASKS_MAX = 8  # commands of one browser that are not yet answered
 LOGINS_MAX = 3
@@ -68,6 +72,7 @@ class Host(msgspec.Struct, frozen=True):
     players: Players
     logs: LogFolder | None = None  # None: there are none here
     ports: PortDesk | None = None  # None: they are another machine's
+    updates: Updates | None = None  # None: so are its boards
 
 
 class Visit:
@@ -98,6 +103,7 @@ class Visit:
                 "commands": bool(grant.commands),
                 "logs": self._has_logs(),
                 "ports": self._has_ports(),
+                "firmware": self._offered(),
                 "playing": self._playing.name if self._playing else None,
             }
         )
@@ -115,6 +121,8 @@ class Visit:
             self._ask(request)
         elif isinstance(request, Calibrate):
             await self._calibrate(request)
+        elif isinstance(request, Update):
+            self._update(request)
         elif isinstance(request, Login):
             await self._log_in(request)
         elif isinstance(request, Play):
@@ -193,6 +201,11 @@ class Visit:
         else:
             self._say_answer(request.id, msgspec.json.encode(value), "")
 
+    def _offered(self) -> tuple[Firmware, ...]:
+        """Images for the page's button; none where it can't be pressed."""
+        updates = self._host.updates
+        return updates.offered if updates and self._grant.may_update else ()
+
     def _has_ports(self) -> bool:
         return self._host.ports is not None and bool(self._grant.commands)
 
@@ -227,6 +240,19 @@ class Visit:
             else:
                 guides.begin(request.probe, request.kind)
         except GuideError as error:
+            self._say_answer(request.id, b"", str(error))
+        else:
+            self._say_answer(request.id, b"true", "")
+
+    def _update(self, request: Update) -> None:
+        updates = self._host.updates
+        if updates is None or not self._grant.may_update:
+            self._host.gate.refuse("role", self._connection)
+            self._say_answer(request.id, b"", NO_UPDATES)
+            return
+        try:
+            updates.begin(request.probe)
+        except UpdateError as error:
             self._say_answer(request.id, b"", str(error))
         else:
             self._say_answer(request.id, b"true", "")

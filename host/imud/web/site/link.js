@@ -114,6 +114,14 @@ export class Link extends EventTarget {
     return this._request({ do: "calibrate", probe, kind });
   }
 
+  /**
+   * Writes the newest firmware into a probe; lines of the type "update" tell how it does.
+   * @param {string} probe
+   */
+  update(probe) {
+    return this._request({ do: "update", probe });
+  }
+
   /** @returns {Promise<{ name: string, bytes: number, changed_ms: number }[]>} */
   logs() {
     return this._request({ do: "logs" });

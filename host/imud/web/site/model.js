@@ -70,6 +70,8 @@ export class Probe {
     /** @type {Line | null} */
     this.calibration = null;
     /** @type {Line | null} */
+    this.update = null; // of its firmware
+    /** @type {Line | null} */
     this.event = null;
   }
 
@@ -112,6 +114,8 @@ export class Probe {
       this.params = line;
     } else if (line.type === "calibration") {
       this.calibration = line;
+    } else if (line.type === "update") {
+      this.update = line;
     } else if (line.type === "event") {
       this.event = line;
     }

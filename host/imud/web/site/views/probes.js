@@ -6,6 +6,7 @@ import { make, mark, say } from "../dom.js";
 import { fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { LogList } from "./logs.js";
 import { PortList } from "./ports.js";
+import { UpdateBox } from "./update.js";
 import { both, concerns, showChips, STATES, voidWords } from "./words.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -26,6 +27,7 @@ class Row {
     this._age = make("span", { class: "chip warn", hidden: true });
     /** @type {Map<string, { row: HTMLElement, value: HTMLElement }>} */
     this._facts = new Map();
+    this._update = new UpdateBox(model, name);
     this._list = make("dl", { class: "facts" });
     this._chain = make("ol", { class: "chain" });
     this._sum = make("span", { class: "chip" });
@@ -38,6 +40,7 @@ class Row {
       make("div", { class: "card-head" }, make("h1", {}, open), this._age, this._state),
       this._about,
       this._concerns,
+      this._update.element,
       this._list,
       make("div", { class: "card-head" }, make("h2", {}, "From the sensor to each sink"), this._sum),
       this._chain,
@@ -58,6 +61,7 @@ class Row {
     say(this._age, `pose ${span((nowMs - probe.poseMs) / 1000)} old`);
     mark(this.element, "data-stale", isStale);
     this._quality(probe);
+    this._update.draw(probe);
     if (probe.status !== null) {
       this._statusFacts(probe.status);
       this._way(probe.status);
