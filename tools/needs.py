@@ -121,12 +121,15 @@ CHECK_NEEDS = (
     # Bootloaders, for tests that are left out where they are not: tests/bootloaders.py.
     Need("arduino-core-avr", BOOTLOADERS.is_dir),
 )
+# Builds the core for Windows: tools/windows_wheel.py.
+RELEASE_NEEDS = (Need("gcc-mingw-w64-x86-64-win32", has("x86_64-w64-mingw32-gcc")),)
 
 
 def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
     needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
     needs += TEST_NEEDS if command in ("test", "test-long", "coverage") else ()
     needs += (OCTAVE,) if command == "test-long" else ()
+    needs += RELEASE_NEEDS if command == "release" else ()
     needs += CHECK_NEEDS if command == "check" else ()
     return needs
 

@@ -172,6 +172,12 @@ class Release:
         (unpacked,) = (self.place / "unpacked").iterdir()
         self.run("imu-probe, wheel", *_build("--wheel"), raw, cwd=unpacked)
         self._repair("imu_probe-")
+        (linux,) = self.dist.glob("imu_probe-*-manylinux*.whl")
+        self.run(
+            "imu-probe, wheel for Windows",
+            *("env", f"PYTHONPATH={self.source / 'host'}", sys.executable),
+            *("tools/windows_wheel.py", linux, self.source, self.dist),
+        )
 
     def _name(self, package: Path, module: str, parts: notices.Parts) -> None:
         """The version and the notices of a package beside the main one."""

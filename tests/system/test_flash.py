@@ -28,6 +28,7 @@ from imud import checkout, cli
 from imud.cli import flash_params, reached
 from imud.client import Client
 from imud.params import file
+from imud.version import version
 from length import choose
 from system.live import LiveProbe
 from system.virtual import NANO, Stub
@@ -39,6 +40,8 @@ ONE = pytest.mark.parametrize(
 )
 PARAMS = file.parse('[options]\nbutton_does = "tell"\nreference = "full"\n').params
 KEPT = f"in force, as before: params {PARAMS.digest:08x}"
+
+VERSION = version().encode()
 
 # Of both the EEPROM and the wire have changed since: the first one that this protocol
 # had, and the first one with params.
@@ -136,7 +139,7 @@ def served(probe: LiveProbe, folder: Path) -> Iterator[Served]:
 
 def older(stub: Stub) -> Path:
     """The image as it was before this version; it says so in its hello."""
-    version = b"0.1.0+"
+    version = VERSION + b"+"
     code = stub.image.read_bytes()
     assert code.count(version) == 1
     path = stub.folder / "older.elf"
@@ -162,7 +165,7 @@ def test_the_page_writes_what_is_newer(stub: Stub) -> None:
         said = "\n".join(state["said"])
         assert (state["phase"], state["why"]) == ("done", ""), said
         assert "firmware 0.0.9+" in said
-        assert "-> 0.1.0+" in said
+        assert f"-> {VERSION.decode()}+" in said
         assert KEPT in said
         with Client(daemon.endpoint) as client:
             assert client.command(name, "start")["ok"]
