@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration import shop_trials, simulated
+from benchmarks.calibration import rough, shop_trials, simulated
 from benchmarks.calibration.report import GUIDED, Results, show
 from benchmarks.common.figure import SETS
 from benchmarks.common.paths import RESULTS
@@ -50,6 +50,7 @@ OUTPUT = RESULTS / "calibration.json"
 
 MODULES = 150
 CROWD = 2000
+ROUGH = 200  # docs/calibration.md has the figures of 2,000
 SHOPS = 12  # modules a public recording
 CROWD_SEED = 300_000  # the first
 IMAGE_MODULES = 10  # of which the image's samples are used
@@ -301,6 +302,8 @@ def measured(args: argparse.Namespace, which: str) -> Results:
             2 * index + SETS[which] for index in range(args.shops)
         )
         results.shops = run(pool, shop_trials.measure, shops, "public recordings")
+        rough_ones = [2 * index + SETS[which] for index in range(args.rough)]
+        results.rough = run(pool, rough.measure, rough_ones, "rough modules")
     results.fit_s = seconds_of_fit()
     return results
 
@@ -314,6 +317,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--modules", type=int, default=MODULES)
     parser.add_argument("--crowd", type=int, default=CROWD)
     parser.add_argument("--shops", type=int, default=SHOPS, help="modules a recording")
+    parser.add_argument("--rough", type=int, default=ROUGH, help="modules in use")
     parser.add_argument(
         "--boards", nargs="*", choices=BOARDS, default=list(BOARDS), help="virtual ones"
     )
@@ -333,6 +337,7 @@ def main(arguments: Sequence[str]) -> None:
             "crowd": results.crowd,
             "methods": results.methods,
             "shops": results.shops,
+            "rough": results.rough,
             "fit_s": results.fit_s,
         }
     args.output.parent.mkdir(parents=True, exist_ok=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration import shop_trials
+from benchmarks.calibration import rough, shop_trials
 from benchmarks.common.figure import Figure
 from imud.calibration.papers.methods import METHODS
 
@@ -26,6 +26,7 @@ class Results:
     crowd: list[dict[str, Any]] = field(default_factory=list)
     methods: list[dict[str, Any]] = field(default_factory=list)
     shops: list[dict[str, Any]] = field(default_factory=list)
+    rough: list[dict[str, Any]] = field(default_factory=list)
     fit_s: float = math.nan
 
 
@@ -56,6 +57,8 @@ def figures(results: Results) -> list[Figure]:
         found += of_crowd(results.crowd)
     if results.shops:
         found += shop_trials.figures(results.shops)
+    if results.rough:
+        found += rough.figures(results.rough)
     if math.isfinite(results.fit_s):
         found.append(Figure("fit of 12 poses, s", results.fit_s, (0, 0.3), (0, 0.1)))
     return found

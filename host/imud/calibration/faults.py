@@ -11,7 +11,8 @@ import numpy as np
 from imud.calibration.magnetometer import MagFit
 
 MAGNET_UT = 200.0  # an own field that no module has without a magnet on it
-UNEVEN_UT = 0.8  # rms residual of an axis that speaks of an uneven field
+UNEVEN_UT = 0.6  # rms of an axis beside its noise that speaks of an uneven field
+NOISY_UT = 1.0  # more white noise than modules as sold have: 0.5 to 0.8
 FIELD_UT = (18.0, 75.0)  # of the Earth, with some room
 
 
@@ -30,12 +31,19 @@ def of_field(mag: MagFit | None, heading_deg: float | None) -> CalibrationFault 
     """A room or a magnet that spoils the magnetometer's part."""
     if mag is None:
         return None
-    if mag.residual_ut > UNEVEN_UT:
-        sure = "" if heading_deg is None else f"; heading would be +-{heading_deg:.1f}"
+    sure = "" if heading_deg is None else f"; heading would be +-{heading_deg:.1f}"
+    if mag.uneven_ut > UNEVEN_UT:
         return CalibrationFault(
             "uneven_field",
-            f"the field is uneven here ({mag.residual_ut:.1f} uT{sure})",
+            f"the field is uneven here ({mag.uneven_ut:.1f} uT{sure})",
             "move away from iron, cables and loudspeakers",
+        )
+    if mag.noise_ut > NOISY_UT:
+        return CalibrationFault(
+            "noisy",
+            f"the magnetometer is noisy ({mag.noise_ut:.1f} uT{sure})",
+            "move away from motors and mains cables, and go on for longer; if that "
+            "does not help, try another module",
         )
     return of_magnets(mag)
 

@@ -30,6 +30,7 @@ OWN_UT, SOFT, TURNED = 40.0, 0.05, 0.05
 LAG_S, LAG_SIGMA_S = 0.0125, 0.02
 DRIFT = math.radians(0.1)  # of the heading, rad in a second; grows with its root
 BROKEN = math.radians(30.0)  # of the heading across missing samples, rad
+MEDIAN = 1.538  # of the length of three normal variables
 OUTLIER = 3.0  # residuals beyond so many sigma count little
 GAUGE = 1e8  # how strictly the trace is held
 
@@ -105,6 +106,22 @@ class MagFit:
         """Rms of what the fit leaves over, an axis."""
         return float(np.sqrt((self.residual**2).mean()))
 
+    @property
+    def noise_ut(self) -> float:
+        """The white noise of an axis, by the differences of residuals that follow each
+        other: whatever else is left over changes more slowly than from one reading to
+        the next.
+        """
+        steps = np.linalg.norm(np.diff(self.residual, axis=0), axis=1)
+        return float(np.median(steps)) / (MEDIAN * math.sqrt(2.0))
+
+    @property
+    def uneven_ut(self) -> float:
+        """Rms of what is left over beside the noise: of a field that is not the same
+        everywhere, or of an attitude that is wrong.
+        """
+        return math.sqrt(max(self.residual_ut**2 - self.noise_ut**2, 0.0))
+
 
 def start(readings: Readings) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Matrix, bias and field in closed form: A m - c - R' h = 0 is linear in fifteen
@@ -132,16 +149,22 @@ def start(readings: Readings) -> tuple[FloatArray, FloatArray, FloatArray]:
     return matrix / scale, bias, found[12:] / scale * size
 
 
-def fit(readings: Readings, knots_s: FloatArray, broken: FloatArray) -> MagFit | None:
+def fit(
+    readings: Readings,
+    knots_s: FloatArray,
+    broken: FloatArray,
+    bias_rad_s: float = 0.0,
+) -> MagFit | None:
     """The refined fit; None if the readings do not determine one. The heading drifts
     between the times `knots_s`; `broken` (one less) is 1 where samples are missing.
+    `bias_rad_s`: one-sigma error of the gyroscope's bias.
     """
     if len(readings.mag) < LEAST:
         return None
     try:
         matrix, bias, field = start(readings)
         begun = np.linalg.inv(matrix)
-        drift = _Drift.at(readings.t_s, knots_s, broken)
+        drift = _Drift.at(readings.t_s, knots_s, broken, bias_rad_s)
         centre = np.concatenate([np.eye(3).ravel(), np.zeros(6), [LAG_S], drift.zero])
         x = np.concatenate([begun.ravel(), bias, field, [LAG_S], drift.zero])
         prior = _prior(drift)
@@ -174,7 +197,13 @@ class _Drift:
         return np.zeros(len(self.prior))
 
     @classmethod
-    def at(cls, t_s: FloatArray, knots_s: FloatArray, broken: FloatArray) -> _Drift:
+    def at(
+        cls,
+        t_s: FloatArray,
+        knots_s: FloatArray,
+        broken: FloatArray,
+        bias_rad_s: float,
+    ) -> _Drift:
         count = len(knots_s)
         shares = [np.interp(t_s, knots_s, one) for one in np.eye(count)]
         prior = np.zeros((count, count))
@@ -182,6 +211,7 @@ class _Drift:
         gaps = np.diff(knots_s)
         for index, (gap_s, is_broken) in enumerate(zip(gaps, broken, strict=True)):
             variance = DRIFT**2 * max(gap_s, EVERY_S) + is_broken * BROKEN**2
+            variance += (bias_rad_s * gap_s) ** 2
             pair = slice(index, index + 2)
             prior[pair, pair] += np.array([[1.0, -1.0], [-1.0, 1.0]]) / variance
         return cls(np.stack(shares, axis=1), prior)
@@ -209,7 +239,7 @@ def _prior(drift: _Drift) -> FloatArray:
 def _robust(residual: FloatArray) -> tuple[FloatArray, float]:
     """Weights that passing iron does not get, and the sigma of an axis, uT."""
     error = np.linalg.norm(residual, axis=1)
-    sigma = max(NOISE_UT, float(np.median(error)) / 1.538)  # of three normal axes
+    sigma = max(NOISE_UT, float(np.median(error)) / MEDIAN)
     return (1.0 + (error / (OUTLIER * sigma)) ** 2) ** -2.0, sigma
 
 

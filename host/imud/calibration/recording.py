@@ -104,6 +104,7 @@ class Gatherer:
         self._ticks = 0  # periods over which `_elapsed_us` was measured
         self._elapsed_us = 0
         self.clipped = 0  # samples that a sensor clipped
+        self._samples = 0
 
     def __len__(self) -> int:
         """Steps so far."""
@@ -138,6 +139,7 @@ class Gatherer:
         if sample.temperature_c is not None:
             self._warmth_sum += sample.temperature_c
             self._warmth_count += 1
+        self._samples += 1
         self.clipped += is_clipped(sample)
 
     def _put(self, sample: Sample) -> None:
@@ -155,6 +157,11 @@ class Gatherer:
         if self._in_step == self._per_step:
             self._count += 1
             self._in_step = 0
+
+    @property
+    def clipped_share(self) -> float:
+        """The share of samples in which a sensor was at the end of its range."""
+        return self.clipped / max(1, self._samples)
 
     def recording(self) -> SensorRecording:
         """All steps so far."""

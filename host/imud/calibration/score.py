@@ -29,7 +29,6 @@ HEADING_MAX_DEG = 3.0
 
 RARE = 2.576  # sigmas of a normal variable that is beyond it once in 200 times
 TILT_FLOOR_DEG = 0.05  # what no residual shows
-NOISE_RMS_UT = math.sqrt(0.5**2 + 0.15**2 / 12.0)  # of a reading, rounding included
 UNKNOWN_TILT_DEG = 2.0  # of an accelerometer that nobody calibrated
 TILT_TO_HEADING = 1.5  # a tilt error turns the heading by this times itself, dip 65
 
@@ -117,7 +116,7 @@ def _inflation(fit: MagFit, stops: int) -> float:
     """By how much the variance grows because the residual is more than noise: the rest
     is an uneven field, which stays the same through a stop and a move.
     """
-    found, noise = fit.residual_ut**2, NOISE_RMS_UT**2
+    found, noise = fit.residual_ut**2, fit.noise_ut**2
     alike = 2.0 * len(fit.residual) / max(2 * stops - 1, 1)
     return (min(noise, found) + max(found - noise, 0.0) * alike) / max(
         found, NOISE_UT**2

@@ -83,11 +83,12 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     bench = Bench(params=before)
     assert bench.stage.status()["state"] == "waiting"
     bench.play(used())
-    (published,) = bench.of(Publish)
-    (told,) = bench.of(LogLine)
+    # As it goes on, it may find a better one.
+    assert 1 <= len(bench.of(Publish)) == len(bench.of(LogLine)) <= 3
     assert bench.of(SendCommands) == []
-    assert "imud calibrate learned puts that in force" in told.text
-    assert published.topic == "learn"
+    for told in bench.of(LogLine):
+        assert "imud calibrate learned puts that in force" in told.text
+    assert {each.topic for each in bench.of(Publish)} == {"learn"}
     status = bench.stage.status()
     assert status["state"] == "proposes"
     assert 0.05 < status["heading_deg"] < 3.0
@@ -143,8 +144,9 @@ def test_a_fit_that_ends_after_the_stream_is_told_with_the_next_message() -> Non
 def test_applying_it_is_one_change_of_the_params_of_that_probe() -> None:
     bench = Bench("apply", levelled())
     bench.play(used())
-    (wants,) = bench.of(SendCommands)
-    ((command, parameters),) = wants.commands
+    wants = bench.of(SendCommands)
+    assert 1 <= len(wants) <= 3
+    ((command, parameters),) = wants[-1].commands
     assert command == "params"
     assert parameters["probe"] == bench.probe.name
     records = bytes.fromhex(parameters["records"])

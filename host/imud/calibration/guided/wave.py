@@ -14,14 +14,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from imud.calibration import magnetometer, path
+from imud.calibration import magnetometer, path, rate_bias
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import integrated, units
 from imud.calibration.faults import CalibrationFault, of_field, of_magnets
 from imud.calibration.magnetometer import MagFit, Readings
 from imud.calibration.recording import (
+    GRAVITY_M_S2,
     Gatherer,
-    IntArray,
     Sample,
     Scale,
     SensorRecording,
@@ -31,8 +31,10 @@ from imud.calibration.stops import find_stops
 from imud.rotation import FloatArray
 
 LEAST_S = 10.0
-AVERAGE_S = 3.0  # of the force, to find gravity
-KNOT_S = 1.0  # between two corrections of the level
+# Beyond these it is not the field that is to blame: of samples that are clipped; of an
+# accelerometer; of the heading's limit that the level takes; of a gyroscope's bias.
+CLIPPED_MAX, OFF_M_S2, LEVEL_SHARE, REST_DEG_S = 0.005, 0.4, 0.9, 0.5
+SURE = 4.0  # sigmas
 ALIKE_S = 4.0  # errors of an uneven field stay alike for so long
 
 
@@ -43,6 +45,9 @@ class Wave:
     mag: MagFit
     heading_deg: float  # error to expect, with the tilt's part
     field_deg: float  # the magnetometer's part
+    tilt_deg: float = 0.0  # of the accelerometer
+    rest_deg_s: float = 0.0  # one-sigma error of the gyroscope's bias
+    off_m_s2: float = 0.0  # of the accelerometer, if the force shows that it is off
 
 
 def fit(
@@ -53,9 +58,13 @@ def fit(
     """
     if recording.seconds < LEAST_S:
         return None
-    rate = gyr.apply(recording.gyr) - _rest_bias(recording, gyr)
+    rate, force = gyr.apply(recording.gyr), acc.apply(recording.acc)
+    bias, bias_sigma = _bias(recording, rate, force)
+    rate = rate - bias
     attitude = integrated(rate, recording.step_s)[:-1]
-    known, up = _levels(attitude, acc.apply(recording.acc), recording.step_s)
+    inertial = np.einsum("tij,tj->ti", attitude, force)
+    known, mean = rate_bias.averaged(inertial, recording.step_s)
+    up = units(np.einsum("kji,kj->ki", attitude[known], mean))
     attitude = path.levelled(attitude, known, up)
     knots = np.append(np.arange(0.0, recording.seconds, ALIKE_S), recording.seconds)
     steps = np.minimum(knots / recording.step_s, len(recording) - 1).astype(int)
@@ -64,50 +73,98 @@ def fit(
         for start, end in itertools.pairwise(steps)
     ]
     readings = Readings.of(recording, attitude, rate)
-    found = magnetometer.fit(readings, knots, np.array(broken))
+    found = magnetometer.fit(readings, knots, np.array(broken), bias_sigma)
     if found is None:
         return None
     # Two knots for each stop and move of the score's count.
     own = field_deg(found, len(knots) // 2 + 1)
-    return Wave(found, math.hypot(TILT_TO_HEADING * tilt_deg, own), own)
+    return Wave(
+        found,
+        math.hypot(TILT_TO_HEADING * tilt_deg, own),
+        own,
+        tilt_deg,
+        math.degrees(bias_sigma),
+        _off(mean, up),
+    )
 
 
-def weakness(wave: Wave | None) -> CalibrationFault | None:
-    """Why a wave is not good enough; None if it is."""
+def weakness(wave: Wave | None, clipped: float = 0.0) -> CalibrationFault | None:
+    """Why a wave is not good enough; None if it is. `clipped`: the share of its samples
+    in which a sensor was at the end of its range.
+    """
     if wave is None:
         return CalibrationFault(
             "too_short", "there is too little to go by", "wave it for half a minute"
         )
     if wave.heading_deg <= HEADING_MAX_DEG:
         return of_magnets(wave.mag)
-    return of_field(wave.mag, wave.heading_deg) or CalibrationFault(
-        "weak_heading",
-        f"heading would be +-{wave.heading_deg:.1f} degrees",
-        "turn it further: on its head, on each side",
+    return (
+        _of_motion(wave, clipped)
+        or of_field(wave.mag, wave.heading_deg)
+        or CalibrationFault(
+            "weak_heading",
+            f"heading would be +-{wave.heading_deg:.1f} degrees",
+            "turn it further: on its head, on each side",
+        )
     )
 
 
-def _rest_bias(recording: SensorRecording, gyr: Affine) -> FloatArray:
-    """What the calibrated rate is at rest; zero if it never rested."""
+def _of_motion(wave: Wave, clipped: float) -> CalibrationFault | None:
+    """What makes the attitude wrong, so that a field that is even looks uneven."""
+    if clipped > CLIPPED_MAX:
+        return CalibrationFault(
+            "clipped",
+            f"a sensor was at the end of its range in {clipped:.0%} of the samples",
+            "wave it more slowly, and do not knock it",
+        )
+    level = TILT_TO_HEADING * wave.tilt_deg
+    why = ""
+    if wave.off_m_s2 > OFF_M_S2:
+        off_mg = wave.off_m_s2 / GRAVITY_M_S2 * 1000.0
+        why = f"the accelerometer is off by {off_mg:.0f} mg or more"
+    elif level > HEADING_MAX_DEG * LEVEL_SHARE:
+        why = (
+            "the accelerometer is not calibrated: its tilt of "
+            f"+-{wave.tilt_deg:.1f} degrees alone makes heading +-{level:.1f}"
+        )
+    if why:
+        cure = "calibrate all sensors together, which takes no longer: imud calibrate"
+        return CalibrationFault("no_level", why, cure)
+    if wave.rest_deg_s > REST_DEG_S:
+        return CalibrationFault(
+            "no_rest",
+            "it never lay still, so that the gyroscope's bias is known to "
+            f"{wave.rest_deg_s:.1f} deg/s only",
+            "lay it still for three seconds first",
+        )
+    return None
+
+
+def _off(mean: FloatArray, up: FloatArray) -> float:
+    """The bias of the accelerometer that the lengths of mean forces (k, 3) show, m/s2:
+    they differ by as much of it as points up. 0 where motion explains as much.
+    """
+    away = np.linalg.norm(mean, axis=1) - GRAVITY_M_S2
+    rows = np.column_stack([up, np.ones(len(up))])
+    found, *_ = np.linalg.lstsq(rows, away, rcond=None)
+    left = away - rows @ found
+    freedom = max(len(rows) / rate_bias.ALIKE - 4.0, 1.0)
+    noise = math.sqrt(float(left @ left) / len(rows) / freedom)
+    size = float(np.linalg.norm(found[:3]))
+    return size if size > SURE * noise else 0.0
+
+
+def _bias(
+    recording: SensorRecording, rate: FloatArray, force: FloatArray
+) -> tuple[FloatArray, float]:
+    """What the calibrated rate is at rest, and its one-sigma error, rad/s; if it never
+    rested, what keeps gravity where it is.
+    """
     stops = find_stops(recording)
     if not stops:
-        return np.zeros(3)
-    rests = [gyr.apply(recording.gyr[stop.start : stop.end]) for stop in stops]
-    return np.asarray(np.concatenate(rests).mean(axis=0))
-
-
-def _levels(
-    attitude: FloatArray, force: FloatArray, step_s: float
-) -> tuple[IntArray, FloatArray]:
-    """Steps at which the level is known, and where up is in the body there."""
-    inertial = np.einsum("tij,tj->ti", attitude, force)
-    width = max(1, round(AVERAGE_S / step_s))
-    window = np.hanning(2 * width + 1)[1:-1]
-    known = np.arange(0, len(force), max(1, round(KNOT_S / step_s)))
-    weights = np.convolve(np.ones(len(force)), window, "same")
-    smooth = [np.convolve(inertial[:, axis], window, "same") for axis in range(3)]
-    mean = np.stack(smooth, axis=1)[known] / weights[known, None]
-    return known, units(np.einsum("kji,kj->ki", attitude[known], mean))
+        return rate_bias.of_motion(rate, force, recording.step_s)
+    rests = [rate[stop.start : stop.end] for stop in stops]
+    return np.asarray(np.concatenate(rests).mean(axis=0)), 0.0
 
 
 JUDGED_S, LONGEST_S = 20.0, 60.0  # of waving: when it is judged first and last
@@ -156,7 +213,7 @@ class Waving:
     def end(self) -> Wave | CalibrationFault:
         """What there is, judged."""
         self._fit()
-        weak = weakness(self.wave)
+        weak = weakness(self.wave, self._gatherer.clipped_share)
         if weak is not None or self.wave is None:
             return weak or CalibrationFault(
                 "too_short", "there is too little to go by", "go on"

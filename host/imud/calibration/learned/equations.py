@@ -32,11 +32,12 @@ GYR_MATRIX, GYR_BIAS, GYR_DRIFT = slice(9, 18), slice(18, 21), slice(21, 24)
 RATE = slice(9, 24)  # these three: what turns the frame
 LEAN = slice(24, 26)  # rad: of gravity in the frame
 MAG_BIAS, MAG_MATRIX, LAG = slice(26, 29), slice(29, 38), 38  # uT; s
+MAG = slice(26, 38)  # the first two
 FIELD, ARM = slice(39, 42), slice(42, 45)  # uT, of the place; m
 KNOTS = 45
 
 LAG_S = 0.005  # expected
-ROOM_UT = 0.8  # least noise of a mean of the field
+ROOM_UT = 0.4  # least noise of a mean of the field
 FORCE_M_S2 = 0.02  # and of a mean force
 # Windows that overlap and rooms whose field changes slowly tell less than their number
 # says: their variances count so many times.
@@ -113,6 +114,7 @@ class MotionEquations:
     rest_step: float  # at which the bias was that of the rest
     estimate: Estimate
     step: FloatArray = field(init=False)  # the last one
+    attitude: FloatArray = field(init=False)  # of each step, by the last equations
     up: FloatArray = field(init=False)  # in the frame, by the last equations
     mag: FloatArray = field(init=False)
     force_means: Means = field(init=False)
@@ -161,7 +163,7 @@ class MotionEquations:
         """Of force and of field, about the estimate."""
         step_s, values = self.recording.step_s, self.estimate.values
         plain, rate = self.rates()
-        attitude = integrated(rate, step_s)[:-1]
+        self.attitude = attitude = integrated(rate, step_s)[:-1]
         age_s = (np.arange(len(attitude)) - self.rest_step) * step_s
         turned = np.concatenate(
             [

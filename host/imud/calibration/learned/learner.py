@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from imud.calibration import rate_bias
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.faults import of_magnets
 from imud.calibration.learned import motion
@@ -47,8 +48,9 @@ TURNED_RAD = math.pi  # since the last fit, at least: what lies teaches nothing
 HEADING_MAX_DEG = 7.0
 BETTER = 0.9
 # Beyond these it is no module of ours, or the motion was no motion of a hand.
-AWAY_MAX = 0.09  # of an entry of a matrix
-ACC_BIAS_MAX_M_S2 = 1.5
+AWAY_MAX = 0.15  # of an entry of a matrix
+REST_MAX_RAD_S = math.radians(2.0)  # error of a bias that only motion shows
+ACC_BIAS_MAX_M_S2 = 0.8 * GRAVITY_M_S2
 
 
 class RestRate(msgspec.Struct, frozen=True):
@@ -148,11 +150,20 @@ def learned_of(work: Work) -> Learned:
         before.check()
     except ParamsError:
         return Learned(None, rest)
-    if rest is None:
-        return Learned(None, None)
-    rate = affine_of(base.gyr, scale.gyr_rad_s).apply(np.array(rest.rate))
-    rest_step = (rest.t_us - begin_us) / 1e6 / recording.step_s
     calibrated, known = _calibrated(recording, base, scale), known_of(base)
+    gyr, at = affine_of(base.gyr, scale.gyr_rad_s), rest
+    if at is None:
+        rate, sigma = rate_bias.of_motion(
+            calibrated.gyr, calibrated.acc, recording.step_s
+        )
+        if sigma > REST_MAX_RAD_S:
+            return Learned(None, None)
+        x, y, z = map(float, np.linalg.solve(gyr.matrix, rate) + gyr.bias)
+        middle_s = recording.seconds / 2.0
+        at = RestRate(begin_us + 1e6 * middle_s, (x, y, z))
+        known = replace(known, rest_rad_s=max(sigma, known.rest_rad_s))
+    rate = gyr.apply(np.array(at.rate))
+    rest_step = (at.t_us - begin_us) / 1e6 / recording.step_s
     made = {"temperature_c": recording.temperature_c, "method": METHOD}
     for start in _starts(calibrated):
         found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
@@ -162,7 +173,7 @@ def learned_of(work: Work) -> Learned:
         if start == 0 or proposal is None:
             return Learned(proposal, rest)
         since_us = begin_us + round(start * recording.step_s * 1e6)
-        return Learned(_beginning_anew(proposal, rest, scale), rest, since_us)
+        return Learned(_beginning_anew(proposal, at, scale), rest, since_us)
     return Learned(None, rest)
 
 

@@ -14,24 +14,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imud.calibration.accelerometer import AccFit
+from imud.calibration.accelerometer import BAD, AccFit
 from imud.calibration.affine import Affine
-from imud.calibration.algebra import symmetric
+from imud.calibration.algebra import row_slopes, symmetric
 from imud.calibration.learned.equations import (
     ACC_BIAS,
     ACC_MATRIX,
     ARM,
     FIELD,
+    FIELD_ALIKE,
+    FIELD_S,
+    FORCE_ALIKE,
+    FORCE_M_S2,
     GYR_BIAS,
     GYR_DRIFT,
     GYR_MATRIX,
     KNOTS,
     LAG,
     LEAN,
+    MAG,
     MAG_BIAS,
     MAG_MATRIX,
     RATE,
@@ -39,9 +44,9 @@ from imud.calibration.learned.equations import (
     MotionEquations,
     Rows,
 )
-from imud.calibration.magnetometer import MagFit
+from imud.calibration.magnetometer import MEDIAN, MagFit
 from imud.calibration.recording import SensorRecording
-from imud.calibration.score import TILT_TO_HEADING, tilt_errors
+from imud.calibration.score import ATTITUDES, TILT_TO_HEADING, tilt_errors
 from imud.rotation import FloatArray
 
 LEAST_S = 15.0
@@ -51,8 +56,13 @@ WEIGHINGS = 5  # in each round
 # One sigma of what turns the frame between two knots and no parameter explains, by
 # round: errors of second order are large at first.
 WALK_RAD = np.radians([2.0, 1.0, 0.4, 0.3])
+FAR_WALK_RAD = np.radians([8.0, 4.0, 2.0, 2.0, 1.0, 0.4, 0.3, 0.3])
+USUAL_M_S2 = 0.25  # of the bias of an accelerometer that nobody calibrated
 REST_RAD_S = math.radians(0.03)  # of the bias that a rest shows
 DRIFT_RAD_S2 = math.radians(0.004)
+# Beyond so many sigmas of its bias, or such a force, a die may be a bad one.
+EXPECTED, EXPECTED_M_S2 = 1.5, 0.15
+BLOCK_S = 8.0  # over which what is left of a field should average out
 ARM_M, FIELD_SD_UT = 0.1, 60.0
 LAG_SD_S, LAG_MAX_S = 0.008, 0.03
 
@@ -61,13 +71,24 @@ LAG_SD_S, LAG_MAX_S = 0.008, 0.03
 class Priors:
     """One-sigma errors before the fit; as given: of sensors that nobody calibrated."""
 
-    acc_m_s2: float = 0.25  # of a bias
+    acc_m_s2: float = USUAL_M_S2  # of a bias
     acc_scale: float = 0.01
     gyr_scale: float = 0.01
     gyr_cross: float = 0.005
     mag_ut: float = 25.0
     mag_soft: float = 0.03
     mag_turn_rad: float = math.radians(1.2)  # of the die against the other one
+    rest_rad_s: float = REST_RAD_S  # of the gyroscope's bias
+
+    @property
+    def bad(self) -> Priors | None:
+        """Of a die that is far outside its data sheet, as accelerometer.py has it; None
+        if somebody has calibrated it.
+        """
+        if self.acc_m_s2 < USUAL_M_S2:
+            return None
+        bias, scale, _ = BAD[[0, 3, 6]]
+        return replace(self, acc_m_s2=float(bias), acc_scale=float(scale))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +101,7 @@ class MotionFit:
     tilt_deg: float  # one-sigma errors to expect, over all attitudes
     field_deg: float  # of heading: the magnetometer's part
     arm_m: FloatArray  # from the pivot to the sensor, in the body
+    force_m_s2: float  # what the mean force of an axis is off, robustly
 
     @property
     def heading_deg(self) -> float:
@@ -98,7 +120,7 @@ def _prior(
     gyr = np.full((3, 3), known.gyr_cross)
     np.fill_diagonal(gyr, known.gyr_scale)
     sigmas[GYR_MATRIX] = gyr.ravel()
-    sigmas[GYR_BIAS], sigmas[GYR_DRIFT] = REST_RAD_S, DRIFT_RAD_S2
+    sigmas[GYR_BIAS], sigmas[GYR_DRIFT] = known.rest_rad_s, DRIFT_RAD_S2
     sigmas[MAG_BIAS], sigmas[LAG] = known.mag_ut, LAG_SD_S
     sigmas[FIELD], sigmas[ARM] = FIELD_SD_UT, ARM_M
     rows = np.diag(1.0 / sigmas)
@@ -133,7 +155,8 @@ def _rounds(
     motion: MotionEquations, known: Priors
 ) -> Iterator[tuple[Rows, Rows, FloatArray]]:
     """Each round's equations, and the covariance; the estimate is moved on."""
-    for at, walk_rad in enumerate(WALK_RAD):
+    is_far = known.acc_m_s2 > USUAL_M_S2 or known.rest_rad_s > REST_RAD_S
+    for at, walk_rad in enumerate(FAR_WALK_RAD if is_far else WALK_RAD):
         force, readings = motion.equations()
         if at == 0:
             # At first readings are wrong by more than a turn of the frame explains.
@@ -167,13 +190,84 @@ def fit(
     is_mag = np.isfinite(recording.mag[:, 0]) if len(recording) else np.zeros(0)
     if recording.seconds < LEAST_S or is_mag.sum() < LEAST_S or recording.breaks:
         return None
+    known = known or Priors()
     motion = MotionEquations(recording, rest_step, Estimate(np.asarray(rest_rad_s)))
+    usual = _fit(motion, known)
+    bad = known.bad
+    if usual is None or bad is None or _is_expected(usual, known):
+        return usual
+    motion = MotionEquations(recording, rest_step, Estimate(np.asarray(rest_rad_s)))
+    other = _fit(motion, bad)
+    return usual if other is None or _cost(usual, known) <= _cost(other, bad) else other
+
+
+def _fit(motion: MotionEquations, known: Priors) -> MotionFit | None:
     try:
-        for force, readings, covariance in _rounds(motion, known or Priors()):
+        for force, readings, covariance in _rounds(motion, known):
             last = force, readings, covariance
     except np.linalg.LinAlgError:
         return None
     return _found(motion, *last) if np.isfinite(motion.estimate.values).all() else None
+
+
+def _is_expected(found: MotionFit, known: Priors) -> bool:
+    """Whether nothing speaks for a die outside its data sheet."""
+    is_near = float(np.abs(found.acc.bias).max()) < EXPECTED * known.acc_m_s2
+    return is_near and found.force_m_s2 < EXPECTED_M_S2
+
+
+def _cost(found: MotionFit, known: Priors) -> float:
+    """Twice the logarithm of how unlikely force and bias are."""
+    count = 3.0 * len(found.acc.residual) / FORCE_ALIKE
+    moved = float((found.acc.bias**2).sum()) / known.acc_m_s2**2
+    return (
+        2.0 * count * math.log(found.force_m_s2)
+        + moved
+        + 6.0 * math.log(known.acc_m_s2)
+    )
+
+
+def _excess(rows: Rows, motion: MotionEquations) -> float:
+    """By how much more is left over than the noise that most means show, 1 at least:
+    where a part of them fits badly, as after a magnet was put on, the fit is not to be
+    trusted as far as its covariance says.
+    """
+    left = np.linalg.norm(rows.away - rows.slopes @ motion.step, axis=1)
+    usual = max(rows.least, 1.2 * float(np.median(left)) / math.sqrt(3.0))
+    return max(1.0, math.sqrt(float((left**2).mean()) / 3.0) / usual)
+
+
+def _lasting(readings: Rows, motion: MotionEquations) -> float:
+    """By how much the error of the field's part grows because what is left over stays
+    alike for longer than FIELD_ALIKE says, 1 at least: in the frame, where a room is
+    uneven, or in the body, after a magnet was put on.
+    """
+    left = readings.away - readings.slopes @ motion.step
+    block = round(BLOCK_S / FIELD_S)
+    count = len(left) // block
+    if count < 2:
+        return 1.0
+    body = np.einsum("kji,kj->ki", motion.attitude[motion.field_means.at], left)
+    whole = float((left**2).sum(axis=1).mean())
+    alike = 1.0
+    for rows in (left, body):
+        means = rows[: count * block].reshape(count, block, 3).mean(axis=1)
+        alike = max(alike, block * float((means**2).sum(axis=1).mean()) / whole)
+    return math.sqrt(max(1.0, alike / FIELD_ALIKE))
+
+
+def _field_deg(mag: MagFit, covariance: FloatArray) -> float:
+    """The rms error of heading over all attitudes that the magnetometer makes, by the
+    covariance of its bias and matrix. A scale of all axes turns no heading.
+    """
+    into_body = np.swapaxes(ATTITUDES, 1, 2)
+    readings = row_slopes(into_body @ mag.field)
+    of_bias = np.broadcast_to(-mag.matrix, (len(ATTITUDES), 3, 3))
+    slopes = np.concatenate([of_bias, readings], axis=2)
+    # The level field points along x: what is across turns the heading.
+    turned = np.einsum("ti,tij->tj", into_body[:, :, 1], slopes) / mag.level_ut
+    variance = np.einsum("tj,jk,tk->t", turned, covariance, turned)
+    return math.degrees(math.sqrt(float(variance.mean())))
 
 
 def _found(
@@ -189,7 +283,7 @@ def _found(
         values[ACC_BIAS].copy(),
         covariance[:9, :9],
         np.linalg.norm(force.away, axis=1),
-        1.0,
+        _excess(force, motion),
     )
     mag = MagFit(
         np.eye(3) + motion.soft(),
@@ -200,9 +294,15 @@ def _found(
         readings.away,
         np.ones(len(readings.away)),
     )
-    # Of a bias two of three axes are level; of a matrix's entries three act on each.
-    variance = np.trace(covariance[MAG_BIAS, MAG_BIAS]) * 2.0 / 3.0
-    soft = np.trace(covariance[MAG_MATRIX, MAG_MATRIX]) * 2.0 / 9.0
-    field_deg = math.degrees(math.sqrt(variance + soft * mag.norm_ut**2) / level_ut)
+    field_deg = _field_deg(mag, covariance[MAG, MAG])
+    field_deg *= _excess(readings, motion) * _lasting(readings, motion)
     gyr = Affine(np.eye(3) + values[GYR_MATRIX].reshape(3, 3), np.zeros(3))
-    return MotionFit(acc, gyr, mag, tilt_errors(acc)[0], field_deg, values[ARM].copy())
+    return MotionFit(
+        acc,
+        gyr,
+        mag,
+        tilt_errors(acc)[0],
+        field_deg,
+        values[ARM].copy(),
+        max(FORCE_M_S2, float(np.median(acc.residual)) / MEDIAN),
+    )
