@@ -32,8 +32,9 @@ from imud.calibration import poses
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import units
 from imud.calibration.guided import faults, whole
+from imud.calibration.guided.events import Finished
 from imud.calibration.guided.housing import found as housing_found
-from imud.calibration.guided.procedure import Finished, Procedure
+from imud.calibration.guided.procedure import Procedure
 from imud.calibration.papers.methods import METHODS, by_method
 from imud.calibration.recording import Gatherer, SensorRecording
 from imud.calibration.stops import find_stops

@@ -10,13 +10,19 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
+from benchmarks.calibration.simulated import samples as samples_of
+from imud.calibration.mount import ModuleMount, named
+from imud.calibration.mounting import ASKED, of_calibration
 from imud.calibration.recording import Sample
 from imud.calibration.tip import guide as tip_guide
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from imud.virtual.dimpling import Wobble
+from imud.virtual.modules import calibrated
 from imud.web import calibrator, guide
 from imud.web.calibrator import End, Task
 from imud.web.users import TokenHolder
@@ -86,6 +92,42 @@ def test_a_wave_and_a_check_tell_how_they_do(kind: str, what: str) -> None:
     assert last["kind"] == kind
     assert last["phase"] in ("done", "refused")
     assert last[what]
+
+
+def test_a_mounting_is_found_told_and_shown(browser: Browser) -> None:
+    turned = named("back,left")
+    samples = [turned_over(each, turned) for each in mounting_poses()]
+    *_, last = states("mount", samples, ends=False)
+    assert last["phase"] == "done"
+    assert last["outcome"]["mount"]["words"] == turned.words
+    params = Params.decode(bytes.fromhex(last["outcome"]["records"]))
+    assert of_calibration(params.gyr) == turned
+    served = Served()
+    with contextlib.closing(served.page):
+        lines = {
+            "status": {"hello": HELLO},
+            "params": {"digest": "0", "bytes": ""},
+            "calibration": last | {"before": "", "before_digest": "0"},
+        }
+        for topic, line in lines.items():
+            line = {"type": topic, "probe": PROBE} | line
+            served.page.publish([((PROBE, topic), json.dumps(line).encode())])
+        page = browser.new_page()
+        page.goto(f"{served.page.url}/#/calibrate/{PROBE}")
+        card = page.locator("[data-part=mount]")
+        card.get_by_text("The module lies upside down").wait_for()
+        assert card.locator("svg line").count() == 2
+        page.close()
+
+
+def mounting_poses() -> list[Sample]:
+    ups = [np.array(up, dtype=float) for up in ASKED]
+    return samples_of(calibrated(), 3, ups)
+
+
+def turned_over(sample: Sample, mount: ModuleMount) -> Sample:
+    """As a module that is mounted so reads it."""
+    return ModuleMount(mount.turn.T).sample(sample)
 
 
 def test_a_tip_is_found_and_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -142,6 +142,11 @@ class Gatherer:
         self._samples += 1
         self.clipped += is_clipped(sample)
 
+    def turn(self, matrix: FloatArray) -> None:
+        """Turns all readings so far into other axes."""
+        for part in (ACC, GYR, MAG):
+            self._rows[:, part] = self._rows[:, part] @ matrix.T
+
     def _put(self, sample: Sample) -> None:
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])

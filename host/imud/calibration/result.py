@@ -9,6 +9,7 @@ from typing import Any
 
 from imud.calibration.affine import Affine
 from imud.calibration.magnetometer import MagFit
+from imud.calibration.mount import MountTold
 from imud.calibration.recording import Scale
 from imud.calibration.tip_found import TipFound
 from imud.params.value import Params
@@ -33,6 +34,7 @@ class CalibrationResult:
     housing_deg: float | None = None  # by how much the sensor is turned in its housing
     note: str | None = None  # what is strange about the room
     tip: TipFound | None = None
+    mount: MountTold | None = None  # how the module is mounted
 
 
 def with_mag(

@@ -18,10 +18,13 @@ from imud.calibration import poses
 from imud.calibration.affine import affine_of
 from imud.calibration.earth import Earth
 from imud.calibration.faults import CalibrationFault
-from imud.calibration.guided.procedure import Event, Finished, FitRefused, Procedure
+from imud.calibration.guided.events import Event, Finished, FitRefused, MountFound
+from imud.calibration.guided.procedure import POSES as POSES_WANTED
+from imud.calibration.guided.procedure import Procedure
 from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Verify
 from imud.calibration.guided.wave import Wave, Waving
+from imud.calibration.mounting import ASKED, of_calibration, result_of_mount, through
 from imud.calibration.papers.extremes import Extremes
 from imud.calibration.recording import Sample, Scale
 from imud.calibration.result import CalibrationResult
@@ -33,7 +36,7 @@ from imud.calibration.tip_found import TipFound
 from imud.errors import ImudError
 from imud.params.value import Params
 
-Kind = Literal["all", "acc", "gyro", "mag", "tip", "verify"]
+Kind = Literal["all", "acc", "gyro", "mag", "mount", "tip", "verify"]
 SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
 
 POSES = {pose.name: pose for pose in poses.ALL}
@@ -74,15 +77,19 @@ class CalibrationSession:
         elif kind == "mag":
             acc = affine_of(params.acc, scale.acc_m_s2)
             gyr = affine_of(params.gyr, scale.gyr_rad_s)
-            self._guide = Waving(scale, acc, gyr, stated_tilt_deg(params.acc))
+            mount = of_calibration(params.acc)
+            self._guide = Waving(scale, acc, gyr, stated_tilt_deg(params.acc), mount)
             if not subject.has_mag:
                 self._refuse("this probe has no magnetometer")
         else:
             self._guide = Procedure(
                 scale,
+                count=len(ASKED) if kind == "mount" else POSES_WANTED,
                 wants_housing=kind == "all",
                 has_mag=subject.has_mag and kind == "all",
                 earth=subject.earth,
+                mount=None,
+                is_mount_alone=kind == "mount",
             )
 
     @property
@@ -131,17 +138,23 @@ class CalibrationSession:
                 self._refuse(str(event.fault))
             elif isinstance(event, Finished):
                 self._make(partial(self._of_fit, event))
+            elif isinstance(event, MountFound):
+                self._make(partial(result_of_mount, event.mount, self.subject.params))
 
     def _of_fit(self, event: Finished) -> CalibrationResult:
         subject = self.subject
-        return result_of_fit(
-            event.fit,
-            subject.scale,
+        return through(
+            event.mount,
             subject.params,
-            event.turn,
-            self.day,
-            sensors=SENSORS[self.kind],
-            earth=subject.earth,
+            lambda before: result_of_fit(
+                event.fit,
+                subject.scale,
+                before,
+                event.turn,
+                self.day,
+                sensors=SENSORS[self.kind],
+                earth=subject.earth,
+            ),
         )
 
     def _waved(self, guide: Waving, found: Wave | CalibrationFault | None) -> None:
@@ -150,7 +163,11 @@ class CalibrationSession:
         elif found is not None:
             scale, params = self.subject.scale, self.subject.params
             warmth = guide.temperature_c
-            self._make(partial(result_of_wave, found, scale, params, warmth, self.day))
+
+            def make(before: Params) -> CalibrationResult:
+                return result_of_wave(found, scale, before, warmth, self.day)
+
+            self._make(partial(through, guide.mount, params, make))
 
     def _wobbled(self, found: TipFound | CalibrationFault | None) -> None:
         if isinstance(found, CalibrationFault):
@@ -230,6 +247,7 @@ def _told(found: CalibrationResult) -> dict[str, Any]:
         "level_uT": found.level_ut,
         "housing_deg": found.housing_deg,
         "note": found.note,
+        "mount": msgspec.to_builtins(found.mount),
         "tip": _tip(found.tip) if found.tip is not None else None,
         "records": found.params.encode().hex(),
         "digest": f"{found.params.digest:08x}",

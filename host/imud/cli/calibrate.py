@@ -17,6 +17,7 @@ PARTS = {
     "acc": "the accelerometer alone, from stops",
     "gyro": "the gyroscope alone, from turns between stops",
     "mag": "the magnetometer alone: wave the probe about",
+    "mount": "how the module is mounted in its housing: five poses, or --mount",
     "tip": "where the tip is: wobble the probe about it",
     "verify": "check the calibration that is in force, in ten seconds",
     "learned": "put in force what the daemon has learned from free motion",
@@ -73,6 +74,12 @@ def add(commands: Commands) -> None:
         + "; ".join(f"{name}: {what}" for name, what in TIP_METHODS.items()),
     )
     parser.add_argument(
+        "--mount",
+        metavar="X,Y",
+        help="where the module's arrows x and y point in the housing, as back,left "
+        "(default: the first poses tell; with --from: as before)",
+    )
+    parser.add_argument(
         "--no-housing",
         action="store_true",
         help="leave out the last two poses, which find how the sensor is turned in its "
@@ -119,7 +126,9 @@ def _run(args: argparse.Namespace) -> int:
     _check_method(args)
     if args.force and args.source is None:
         args.parser.error("--force is for --from FILE")
-    if args.source is not None and what in ("learned", "undo"):
+    if args.mount is not None and what not in ("all", "acc", "gyro", "mount"):
+        args.parser.error(f"--mount is not for {what}")
+    if args.source is not None and what in ("learned", "mount", "undo"):
         args.parser.error(f"{what} takes no --from")
     from imud.cli import calibrate_run, calibrate_tip
 
@@ -135,6 +144,8 @@ def _run(args: argparse.Namespace) -> int:
             from imud.cli import params_text
 
             return params_text.undo(client, probe, is_dry=args.dry_run)
+        if what == "mount" and args.mount is not None:
+            return calibrate_run.mount_as_told(client, probe, args)
         return calibrate_run.live(client, probe, args)
 
 

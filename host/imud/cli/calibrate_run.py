@@ -9,15 +9,18 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from imud.calibration import mount as mounts
 from imud.calibration.affine import affine_of
 from imud.calibration.faults import CalibrationFault
 from imud.calibration.guided import faults, housing, verify, whole
-from imud.calibration.guided.procedure import Finished, FitRefused, Procedure
+from imud.calibration.guided.events import Finished, FitRefused, MountFound
+from imud.calibration.guided.procedure import POSES, Procedure
 from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Report, Verify
 from imud.calibration.guided.wave import Wave, Waving
+from imud.calibration.mounting import ASKED, of_calibration, result_of_mount, through
 from imud.calibration.papers.methods import of_method
-from imud.calibration.recording import Gatherer, Sample
+from imud.calibration.recording import Gatherer, Sample, SensorRecording
 from imud.calibration.result import CalibrationResult
 from imud.calibration.score import stated_tilt_deg
 from imud.calibration.stops import find_stops
@@ -111,6 +114,18 @@ def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
     return 0
 
 
+def mount_as_told(client: Client, probe: str, args: argparse.Namespace) -> int:
+    """Puts a mounting in force that was given; returns the exit code."""
+    reply = client.params(probe)
+    before = Params.decode(bytes.fromhex(reply["bytes"]))
+    found = result_of_mount(mounts.named(args.mount), before)
+    calibrate_text.outcome(probe, found, before)
+    if args.dry_run:
+        return calibrate_text.not_changed(probe, found.params)
+    client.change_params(probe, found.params.encode(), reply["probe_id"])
+    return calibrate_text.changed(probe, found.params)
+
+
 def _followed(
     samples: Iterable[Sample | None],
     subject: CalibratedProbe,
@@ -124,8 +139,12 @@ def _followed(
         return calibrate_tip.followed(samples, subject, screen, args.axis)
     if args.what == "mag":
         return _waved(samples, subject, screen)
+    is_mount = args.what == "mount"
     procedure = Procedure(
         subject.scale,
+        count=len(ASKED) if is_mount else POSES,
+        mount=None if args.mount is None else mounts.named(args.mount),
+        is_mount_alone=is_mount,
         wants_housing=args.what == "all" and not args.no_housing,
         has_mag=subject.has_mag and args.what == "all",
         earth=subject.earth,
@@ -140,6 +159,8 @@ def _followed(
                 raise refusal(event.fault)
             if isinstance(event, Finished):
                 return _finished(procedure, event, subject, args)
+            if isinstance(event, MountFound):
+                return result_of_mount(event.mount, subject.params)
     raise CalibrationRefused("the samples ended too early; begin again")
 
 
@@ -149,19 +170,23 @@ def _finished(
     subject: CalibratedProbe,
     args: argparse.Namespace,
 ) -> CalibrationResult:
-    if args.method != "guided":
-        return of_method(
-            procedure.recording(), args.method, subject.scale, subject.params, today()
+    def make(before: Params) -> CalibrationResult:
+        if args.method != "guided":
+            whole_recording = procedure.recording()
+            return of_method(
+                whole_recording, args.method, subject.scale, before, today()
+            )
+        return result_of_fit(
+            event.fit,
+            subject.scale,
+            before,
+            event.turn,
+            today(),
+            sensors=SENSORS[args.what],
+            earth=subject.earth,
         )
-    return result_of_fit(
-        event.fit,
-        subject.scale,
-        subject.params,
-        event.turn,
-        today(),
-        sensors=SENSORS[args.what],
-        earth=subject.earth,
-    )
+
+    return through(event.mount, subject.params, make)
 
 
 def _verified(
@@ -208,6 +233,7 @@ def _waving(subject: CalibratedProbe) -> Waving:
         affine_of(params.acc, scale.acc_m_s2),
         affine_of(params.gyr, scale.gyr_rad_s),
         stated_tilt_deg(params.acc),
+        of_calibration(params.acc),
     )
 
 
@@ -216,9 +242,13 @@ def _of_wave(
 ) -> CalibrationResult:
     if isinstance(found, CalibrationFault):
         raise refusal(found)
-    return result_of_wave(
-        found, subject.scale, subject.params, waving.temperature_c, today()
-    )
+
+    def make(before: Params) -> CalibrationResult:
+        return result_of_wave(
+            found, subject.scale, before, waving.temperature_c, today()
+        )
+
+    return through(waving.mount, subject.params, make)
 
 
 def _of_samples(
@@ -233,9 +263,27 @@ def _of_samples(
             if isinstance(found := waving.feed(sample), Wave):
                 return _of_wave(found, waving, subject)
         return _of_wave(waving.end(), waving, subject)
-    recording = Gatherer.of(subject.scale, samples).recording()
+    mount = of_calibration(subject.params.acc)
+    if args.mount is not None:
+        mount = mounts.named(args.mount)
+    turned = map(mount.sample, samples)
+    recording = Gatherer.of(subject.scale, turned).recording()
+    return through(
+        mount,
+        subject.params,
+        lambda before: _of_stops(subject, recording, before, args),
+    )
+
+
+def _of_stops(
+    subject: CalibratedProbe,
+    recording: SensorRecording,
+    before: Params,
+    args: argparse.Namespace,
+) -> CalibrationResult:
+    """What comes of the stops of a recording."""
     if args.method != "guided":
-        return of_method(recording, args.method, subject.scale, subject.params, today())
+        return of_method(recording, args.method, subject.scale, before, today())
     stops = find_stops(recording)
     fit = whole.fit(recording, stops)
     has_mag = subject.has_mag and args.what == "all"
@@ -246,10 +294,5 @@ def _of_samples(
         raise refusal(wrong) if wrong else CalibrationRefused("there is nothing in it")
     turn = None if args.no_housing else housing.found(recording, fit)
     return result_of_fit(
-        fit,
-        subject.scale,
-        subject.params,
-        turn,
-        today(),
-        sensors=SENSORS[args.what],
+        fit, subject.scale, before, turn, today(), sensors=SENSORS[args.what]
     )

@@ -12,7 +12,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from imud.calibration.guided.procedure import ProcedureStatus
+from imud.calibration.guided.events import ProcedureStatus
 from imud.calibration.poses import ALL
 from imud.calibration.tip.guide import TipStatus
 from imud.cli.box import COLUMNS, picture
@@ -44,7 +44,7 @@ def lines(probe: str, status: ProcedureStatus) -> list[Text]:
         _error("tilt   ", status.tilt_deg, is_good=status.is_level),
         _error("heading", status.heading_deg, is_good=status.is_headed),
         Text(""),
-        Text(status.trouble or "", style="yellow"),
+        Text(status.trouble or _mounting(status), style="yellow"),
     ]
     shown = [head]
     for left, right in zip(drawn, beside, strict=True):
@@ -54,6 +54,13 @@ def lines(probe: str, status: ProcedureStatus) -> list[Text]:
     shown.append(Text(" X is its front, / its base", style="dim"))
     shown.append(Text("Enter judges what there is; q gives up", style="dim"))
     return shown
+
+
+def _mounting(status: ProcedureStatus) -> str:
+    """How the module is mounted, if that is worth a word."""
+    if status.mount is None or status.mount.is_plain:
+        return ""
+    return f"{status.mount.words}; that is taken into account"
 
 
 def _error(what: str, deg: float | None, *, is_good: bool) -> Text:

@@ -27,6 +27,9 @@ def outcome(probe: str, found: CalibrationResult, before: Params) -> None:
 
 
 def _lines(probe: str, found: CalibrationResult) -> Iterator[str]:
+    if not found.sensors and found.mount is not None and found.tip is None:
+        yield f"{probe}: {found.mount.words}"
+        return
     how = f" from {found.poses} stops in {found.seconds:.0f} s" if found.poses else ""
     if found.tip is not None and found.seconds:
         how = f" from {found.seconds:.0f} s of wobbling"
@@ -47,6 +50,8 @@ def _lines(probe: str, found: CalibrationResult) -> Iterator[str]:
         yield f"  {TITLES[name]:<14} {_left(found.params, name)}"
     if found.note is not None:
         yield f"  the room       {found.note}"
+    if found.mount is not None:
+        yield f"  mounting       {found.mount.words}"
     if found.housing_deg is not None:
         turned = f"the sensor is turned by {found.housing_deg:.2f} degrees"
         yield f"  housing        {turned}"

@@ -38,6 +38,7 @@ class Manners:
     """How a hand lays a probe down."""
 
     stop_s: float = 2.0
+    first_s: float = 0.0  # that the first stop lasts longer
     move_s: float = 2.0
     off_rad: float = math.radians(8.0)  # by which it misses a direction, rms of an axis
     is_held: bool = False  # it never lets go
@@ -71,8 +72,10 @@ class CalibratingHand:
             stance = self._stance(up, before)
             if before is not None:
                 yield self._move(before, stance, is_lifted=up is not None)
+            rest_s = self._manners.stop_s
+            rest_s += self._manners.first_s if before is None else 0.0
             before = stance
-            records = round(self._manners.stop_s * self._rate_hz)
+            records = round(rest_s * self._rate_hz)
             yield HandMove(stance, stance, records, is_rest=not self._manners.is_held)
 
     def _stance(self, up: FloatArray | None, before: Stance | None) -> Stance:
@@ -120,7 +123,7 @@ class Follower:
     probe measures.
     """
 
-    procedure: Procedure = field(default_factory=lambda: Procedure(SCALE))
+    procedure: Procedure = field(default_factory=lambda: Procedure(SCALE, mount=None))
     is_lazy: bool = False
     random: np.random.Generator = field(default_factory=np.random.default_rng)
 
@@ -130,7 +133,7 @@ class Follower:
         """
         while True:
             if self.procedure.is_over:
-                self.procedure = Procedure(SCALE)
+                self.procedure = Procedure(SCALE, mount=None)
             if self.procedure.phase == "half_turn":
                 yield None
             elif self.is_lazy:
@@ -149,7 +152,8 @@ def pieces(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Mot
     air or iron, as `imud sim --hand` has them.
     """
     follower = Follower(is_lazy=name == "lazy", random=np.random.default_rng([seed, 1]))
-    manners = Manners(is_held=name == "air")
+    # A person waits for the first words; a board needs a second until it measures.
+    manners = Manners(first_s=2.0, is_held=name == "air")
     world = World(tip_m=PROBE.tip_m, magnets=(IRON,) if name == "iron" else ())
     sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
     sampler = Sampler()

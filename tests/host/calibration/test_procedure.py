@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration.simulated import UPS, errors, housing_error, samples
-from imud.calibration.guided.procedure import (
+from imud.calibration.guided.events import (
     Event,
     Finished,
     FitRefused,
     PoseTaken,
-    Procedure,
     Troubled,
 )
+from imud.calibration.guided.procedure import Procedure
 from imud.calibration.guided.result import housing_of, result_of_fit
 from imud.calibration.recording import COUNT_MAX, Sample
 from imud.params.value import Params

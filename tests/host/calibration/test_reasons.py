@@ -17,24 +17,17 @@ from host.calibration.waves import OWN_UT, Troubles, waved
 from imud.calibration.affine import Affine
 from imud.calibration.faults import CalibrationFault
 from imud.calibration.guided import wave
-from imud.calibration.guided.procedure import Finished, Procedure
 from imud.calibration.guided.wave import Waving
 from imud.calibration.learned.learner import Learner, learned_of
 from imud.calibration.recording import Gatherer, Sample
 from imud.calibration.score import stated_tilt_deg
-from imud.rotation import FloatArray as Matrix
-from imud.virtual.calibrating import RECORDS_HZ, SCALE, Sampler, pieces
-from imud.virtual.modules import calibrated
+from imud.virtual.calibrating import SCALE
 from imud.virtual.motions.module import MG
 
 SAME = Affine(np.eye(3), np.zeros(3))
 TILT_DEG = 0.1  # of a force that is known well
 OWN_MAX_UT = 0.3
 SIGMAS = 1.96  # 95 % of normal errors fall inside
-
-
-def fails(reason: str) -> pytest.MarkDecorator:
-    return pytest.mark.xfail(strict=True, reason=reason)
 
 
 def judged(samples: Sequence[Sample]) -> tuple[float, str]:
@@ -148,28 +141,3 @@ def test_what_is_learned_of_an_accelerometer_far_off_states_its_error() -> None:
     found = learned(450.0)
     assert found is not None
     assert found[0] <= SIGMAS * found[1] < 4.0
-
-
-MOUNTED = {
-    "upside down": np.diag([1.0, -1.0, -1.0]),
-    "turned by a right angle": np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
-}
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("mounted", MOUNTED.values(), ids=MOUNTED)
-@fails("the guide takes the module's axes for those of the housing")
-def test_a_module_that_is_mounted_turned_is_guided_to_the_end(mounted: Matrix) -> None:
-    """A hand that obeys is asked for the same pose again and again."""
-    module = replace(calibrated(), acc=mounted, gyr=mounted, mag=mounted)
-    procedure, sampler = Procedure(SCALE), Sampler()
-    done = []
-    for piece in pieces("calibrate", module, 1, RECORDS_HZ):
-        for sample in sampler.samples(piece):
-            done += [e for e in procedure.feed(sample) if isinstance(e, Finished)]
-        if procedure.is_over or procedure.status().seconds > 75.0:
-            break
-    assert done
-    assert done[0].turn is not None
-    into_housing = done[0].turn @ done[0].fit.acc.matrix @ mounted
-    assert np.allclose(into_housing, np.eye(3), atol=0.01)

@@ -119,6 +119,13 @@ def _gyro_axes(recording: SensorRecording, fit: ModuleFit) -> str | None:
     return found
 
 
+def not_as_asked(error: Exception) -> CalibrationFault:
+    """The first poses tell how a module is mounted, if they are those asked for."""
+    return CalibrationFault(
+        "not_as_asked", str(error), "begin again with its base down"
+    )
+
+
 def of_room(fit: ModuleFit, earth: Earth | None) -> CalibrationFault | None:
     """A field that is uneven, or not that of the place."""
     mag = fit.mag

@@ -11,9 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Literal
 
-import msgspec
 import numpy as np
 
 from imud.calibration import accelerometer, poses
@@ -22,7 +20,20 @@ from imud.calibration.algebra import units
 from imud.calibration.earth import Earth
 from imud.calibration.faults import CalibrationFault
 from imud.calibration.guided import faults, housing, whole
+from imud.calibration.guided.events import (
+    OVER,
+    Event,
+    Finished,
+    FitRefused,
+    MountFound,
+    Phase,
+    PoseTaken,
+    ProcedureStatus,
+    Troubled,
+)
 from imud.calibration.guided.whole import ModuleFit
+from imud.calibration.mount import ASSUMED, PLAIN, ModuleMount, MountError
+from imud.calibration.mounting import MountFinder
 from imud.calibration.poses import StaticPose
 from imud.calibration.recording import Gatherer, Sample, Scale, SensorRecording
 from imud.calibration.stops import BLOCK_S, Blocks, StaticInterval
@@ -32,60 +43,9 @@ GOOD_S = 1.5  # of stillness: then the pose counts; more makes it better
 POSES = 12
 POSES_MAX = 24  # with so many poses it is done or refused
 ALIKE = math.cos(math.radians(20.0))  # stops closer than this are one pose
+ATTEMPTS = 2  # at poses that show how a module is mounted
 TILT_DONE_DEG = 0.1  # good enough to stop asking
 MOVED_S = 0.75  # stillness that ended too early is told about
-
-Phase = Literal["poses", "base_down", "half_turn", "done", "refused"]
-OVER = ("done", "refused")
-
-
-class PoseTaken(msgspec.Struct, frozen=True):
-    """A stop counts; `is_new` is False for an attitude that was there before."""
-
-    count: int
-    up: tuple[float, float, float]
-    is_new: bool
-
-
-class Troubled(msgspec.Struct, frozen=True):
-    """Something went wrong; the procedure goes on."""
-
-    fault: CalibrationFault
-
-
-class Finished(msgspec.Struct, frozen=True):
-    """The calibration is good."""
-
-    fit: ModuleFit
-    turn: FloatArray | None  # from the sensor's frame to the housing's, if known
-
-
-class FitRefused(msgspec.Struct, frozen=True):
-    """It is not good enough, or can't be made."""
-
-    fault: CalibrationFault
-
-
-Event = PoseTaken | Troubled | Finished | FitRefused
-
-
-class ProcedureStatus(msgspec.Struct, frozen=True):
-    """What a screen shows."""
-
-    phase: Phase
-    instruction: str = msgspec.field(name="says")  # what to do now
-    poses: int
-    of: int
-    ups: tuple[tuple[float, float, float], ...]  # of the poses that count
-    wanted: str | None  # name of the pose to lay it in
-    is_still: bool
-    still_share: float  # of the time that a pose takes, 0 to 1
-    tilt_deg: float | None
-    is_level: bool  # the tilt is good enough
-    heading_deg: float | None
-    is_headed: bool  # so is the heading
-    trouble: str | None
-    seconds: float
 
 
 class Stillness(Enum):
@@ -114,7 +74,8 @@ class Procedure:
     has had enough to `done` or `refused`.
 
     `count`: how many poses to ask for. `wants_housing`: whether the two for the housing
-    follow.
+    follow. `mount`: how the module is mounted; None: the first poses, which have to be
+    those that are asked for, find it. `is_mount_alone`: nothing else is wanted.
     """
 
     scale: Scale
@@ -122,6 +83,8 @@ class Procedure:
     wants_housing: bool = True
     has_mag: bool = True
     earth: Earth | None = None  # the field of the place, if it is known
+    mount: ModuleMount | None = PLAIN
+    is_mount_alone: bool = False
     phase: Phase = "poses"
     fit: ModuleFit | None = None
     trouble: CalibrationFault | None = None
@@ -133,6 +96,7 @@ class Procedure:
     _stops: list[StaticInterval] = field(default_factory=list)
     _checked: int = 0
     _first_down: StaticInterval | None = None
+    _finder: MountFinder = field(default_factory=MountFinder)
 
     def __post_init__(self) -> None:
         self._gatherer = Gatherer(self.scale)
@@ -146,7 +110,7 @@ class Procedure:
         """Takes the next sample."""
         if self.is_over:
             return []
-        self._gatherer.add(sample)
+        self._gatherer.add(sample if self.mount is None else self.mount.sample(sample))
         block = max(2, round(BLOCK_S / self._gatherer.step_s))
         if len(self._gatherer) < self._checked + block:
             return []
@@ -157,6 +121,7 @@ class Procedure:
         """The user has had enough: what there is, is judged."""
         if self.is_over:
             return []
+        self.mount = self.mount or ASSUMED
         return [self._judge(self._gatherer.recording())]
 
     def recording(self) -> SensorRecording:
@@ -207,6 +172,8 @@ class Procedure:
         wrong = faults.of_module(recording, self._stops, self.fit)
         if wrong is not None:
             return [self._refuse(wrong)]
+        if self.mount is None:
+            return self._find_mount(recording)
         up = self._up(recording, self._stops[-1])
         if self.phase != "poses":
             return self._add_housing_stop(recording, up)
@@ -226,6 +193,42 @@ class Procedure:
                 )
             )
         return events + self._after_pose(recording)
+
+    def _find_mount(self, recording: SensorRecording) -> list[Event]:
+        """One of the first poses; after the last one all readings are turned."""
+        stop, asked = self._stops[-1], StaticPose(self._finder.asked)
+        force = recording.acc[stop.start : stop.end].mean(axis=0)
+        try:
+            found = self._finder.add(force)
+        except MountError as error:
+            self.ups.clear()
+            if self._finder.failures >= ATTEMPTS and not self.is_mount_alone:
+                return self._go_on(recording, ASSUMED)
+            self.wanted = poses.BASE_DOWN
+            return self._trouble(faults.not_as_asked(error))
+        self.ups.append(asked.up)
+        self.wanted = StaticPose(self._finder.asked)
+        events: list[Event] = [PoseTaken(len(self.ups), _triple(asked.up), True)]
+        if found is None:
+            return events
+        if self.is_mount_alone:
+            self.mount, self.phase = found, "done"
+            return [*events, MountFound(found)]
+        self.ups.clear()
+        return [*events, *self._go_on(recording, found)]
+
+    def _go_on(self, recording: SensorRecording, mount: ModuleMount) -> list[Event]:
+        """The mounting is known, or assumed: the stops so far count as poses."""
+        self.mount = mount
+        self._gatherer.turn(mount.turn)
+        recording = self._gatherer.recording()
+        self.fit = whole.fit(recording, self._stops)
+        for stop in self._stops:
+            up = self._up(recording, stop)
+            if all(other @ up < ALIKE for other in self.ups):
+                self.ups.append(up)
+        self.wanted = poses.wanted(self.fit.acc if self.fit else self._early(recording))
+        return self._after_pose(recording)
 
     def _early(self, recording: SensorRecording) -> AccFit:
         """What a few stops say, for the choice of the next one."""
@@ -287,7 +290,7 @@ class Procedure:
         if wrong is not None or self.fit is None:
             return self._refuse(wrong or faults.of_score(None, 0, has_mag=False))
         self.phase = "done"
-        return Finished(self.fit, turn)
+        return Finished(self.fit, turn, self.mount or ASSUMED)
 
     def _refuse(self, fault: CalibrationFault | None) -> FitRefused:
         self.phase = "refused"
@@ -309,6 +312,7 @@ class Procedure:
             self.count,
             tuple(map(_triple, self.ups)),
             self.wanted.name if not self.is_over else None,
+            None if self.mount is None else self.mount.told(),
             is_still,
             1.0 if self._stillness is Stillness.COUNTS else min(1.0, still_s / GOOD_S),
             score.tilt_deg if score else None,

@@ -19,6 +19,7 @@ from imud.calibration.affine import Affine
 from imud.calibration.algebra import integrated, units
 from imud.calibration.faults import CalibrationFault, of_field, of_magnets
 from imud.calibration.magnetometer import MagFit, Readings
+from imud.calibration.mount import PLAIN, ModuleMount
 from imud.calibration.recording import (
     GRAVITY_M_S2,
     Gatherer,
@@ -175,13 +176,15 @@ DONE_DEG = 1.0  # good enough to stop
 @dataclass(slots=True)
 class Waving:
     """Collects a wave until it is good; no I/O. `acc`, `gyr`: the calibrations in
-    force for readings in nominal units.
+    force for readings in nominal units. `mount`: how the module is mounted, which they
+    have in them, too.
     """
 
     scale: Scale
     acc: Affine
     gyr: Affine
     tilt_deg: float
+    mount: ModuleMount = PLAIN
     wave: Wave | None = None
     _gatherer: Gatherer = field(init=False)
     _judged_s: float = JUDGED_S - EVERY_S
@@ -201,7 +204,7 @@ class Waving:
 
     def feed(self, sample: Sample) -> Wave | CalibrationFault | None:
         """Takes a sample; what came of it once it is over."""
-        self._gatherer.add(sample)
+        self._gatherer.add(self.mount.sample(sample))
         if self.seconds < self._judged_s + EVERY_S:
             return None
         self._judged_s = self.seconds
@@ -222,7 +225,8 @@ class Waving:
 
     def _fit(self) -> None:
         recording = self._gatherer.recording()
-        self.wave = fit(recording, self.acc, self.gyr, self.tilt_deg)
+        acc, gyr = map(self.mount.of_turned, (self.acc, self.gyr))
+        self.wave = fit(recording, acc, gyr, self.tilt_deg)
 
     @property
     def instruction(self) -> str:

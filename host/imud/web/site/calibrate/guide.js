@@ -4,6 +4,7 @@
 
 import { make, mark, say } from "../dom.js";
 import { fixed } from "../format.js";
+import { MountPicture } from "./mount.js";
 
 /** @typedef {import("../link.js").Line} Line */
 
@@ -13,6 +14,7 @@ export const KINDS = {
   acc: "accelerometer alone",
   gyro: "gyroscope alone",
   mag: "magnetometer alone, by waving",
+  mount: "how it is mounted, five poses",
   tip: "where the tip is, by wobbling",
   verify: "check, in ten seconds",
 };
@@ -35,6 +37,7 @@ export class GuideCard {
     this._stop = make("button", { onclick: stop }, "Give up");
     this._says = make("p", { class: "says", role: "status", "data-part": "says" });
     this._trouble = make("p", { class: "notice", role: "alert", hidden: true });
+    this._mount = new MountPicture();
     this._still = make("progress", { max: 1, value: 0, "aria-label": "Time that it lies still" });
     this._state = make("span", { class: "chip" });
     this._poses = make("b", {});
@@ -63,6 +66,7 @@ export class GuideCard {
       make("div", { class: "row" }, this.kind, this.begin, this._end, this._stop),
       this._says,
       this._trouble,
+      this._mount.element,
       this._steps,
     );
   }
@@ -83,6 +87,7 @@ export class GuideCard {
     this._trouble.hidden = !trouble;
     say(this._trouble, trouble ?? "");
     this._steps.hidden = phase !== "running";
+    this._mount.show(line?.outcome?.mount ?? line?.mount);
     if (phase === "running" && line !== null) {
       this._running(line);
     }
@@ -98,8 +103,8 @@ export class GuideCard {
     say(this._poses, hasPoses ? `pose ${line.poses} of ${line.of}` : `${fixed(line.seconds, 0)} s`);
     error(this._tilt, line.tilt_deg, line.is_level);
     error(this._heading, line.heading_deg, line.is_headed);
-    this._facts.hidden = line.kind === "tip";
-    this._tip.hidden = !this._facts.hidden;
+    this._facts.hidden = line.kind === "tip" || line.kind === "mount";
+    this._tip.hidden = line.kind !== "tip";
     if (line.kind === "tip") {
       say(this._tip, wobble(line));
       mark(this._tip, "data-good", line.is_good);

@@ -108,6 +108,9 @@ function rows(outcome) {
   for (const name of outcome.sensors) {
     found.push(row(SENSORS[name], left(name, outcome.residuals[name])));
   }
+  if (outcome.mount !== null) {
+    found.push(row("mounting", outcome.mount.words));
+  }
   if (outcome.housing_deg !== null) {
     found.push(row("housing", `the sensor is turned by ${fixed(outcome.housing_deg, 2)}°`));
   }
