@@ -12,8 +12,11 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+import pyarrow
 import zstandard
 from mcap.writer import CompressionType, Writer
+from pyarrow import parquet
 
 from fakes import FakeProbe
 from imud.log.parts import seal
@@ -98,6 +101,16 @@ def tables(folder: Path) -> Iterator[Path]:
                     file.write(_array_head(shape))
                     for _ in range(0, size, 1 << 20):
                         file.write(bytes(min(size, 1 << 20)))
+        yield path
+
+
+def parquets(folder: Path) -> Iterator[Path]:
+    """Columns of one number, again and again."""
+    for name, rows in (("harmless", 1000), ("many rows", 10_000_000)):
+        path = folder / f"{name}.parquet"
+        column = pyarrow.array(np.zeros(rows))
+        names = ("time", "ax", "ay", "az", "gx", "gy", "gz")
+        parquet.write_table(pyarrow.table(dict.fromkeys(names, column)), path)
         yield path
 
 

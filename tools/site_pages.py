@@ -22,7 +22,7 @@ PICTURES = Path("docs/pictures")
 TREE = {
     "Use": (
         *("install", "flash", "first-contact", "check", "imud", "page", "calibration"),
-        *("tip", "strokes", "limb", "params", "logs", "card", "glossary"),
+        *("tip", "strokes", "limb", "params", "logs", "import", "card", "glossary"),
     ),
     "Poses in your program": (
         *("pose", "subscribe", "languages", "stream", "ros2", "slicer", "angles"),

@@ -24,6 +24,7 @@ from imud.cli import (
     daemon,
     demo,
     flash,
+    importing,
     keys,
     params,
     ports,
@@ -40,7 +41,7 @@ FAULT = 70
 
 ROOMS = (
     *(daemon, demo, check, sim, watch, body, probe, calibrate, params),
-    *(recordings, card, keys, ports, flash, completion),
+    *(recordings, importing, card, keys, ports, flash, completion),
 )
 
 
@@ -52,7 +53,16 @@ class _Parser(GroupedParser):
         "watch": ("list", "monitor", "view", "listen", "strokes", "body"),
         "command": ("start", "stop", "tare", "restart"),
         "calibrate": ("calibrate", "params"),
-        "logs": ("record", "info", "decode", "export", "replay", "recover", "card"),
+        "logs": (
+            "record",
+            "info",
+            "decode",
+            "export",
+            "replay",
+            "recover",
+            "import",
+            "card",
+        ),
         "set up and try": ("demo", "ports", "flash", "check", "sim", "completion"),
     }
 

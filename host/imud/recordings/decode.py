@@ -33,6 +33,8 @@ from imud.probes.session import (
 )
 from imud.probes.speaker import introduction, probe_of, speaker_of
 from imud.recordings.damage import DamageCount
+from imud.recordings.foreign_log import log_of_foreign
+from imud.recordings.foreign_table import is_foreign
 from imud.recordings.source import chunks_of, local
 from imud.wire import messages, schema
 from imud.wire.messages import Message, Value
@@ -77,8 +79,13 @@ class Tally:
 def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     """Yields each good message of a UART capture, a log or a PROBE.LOG, in order.
 
-    Counts go to `tally`. Raises FileError if the file can't be read.
+    Counts go to `tally`. Raises FileError if the file can't be read. Of a foreign
+    recording those that it would be as a log.
     """
+    if is_foreign(path):
+        with log_of_foreign(path) as log:
+            yield from _decode_log(log, tally)
+        return
     try:
         with path.open("rb") as file:
             magic = file.read(8)

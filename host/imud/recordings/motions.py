@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from imud.errors import ConfigError, FileError
 from imud.recordings.decode import Tally, decode_file
+from imud.recordings.foreign_log import log_of_foreign
 from imud.virtual import motion
 from imud.virtual.motion import Motion, MotionError
 from imud.wire.messages import Value
@@ -66,7 +67,15 @@ def load(path: Path, probe: str | None = None) -> RecordedMotion:
     if path.suffix.lower() in TABLES:
         if probe is not None:
             raise ConfigError(f"{path} is of one probe: leave --probe out")
-        return RecordedMotion(motion.load(path))
+        try:
+            return RecordedMotion(motion.load(path))
+        except MotionError as error:
+            # A table of others, perhaps with gaps: as a log.
+            try:
+                with log_of_foreign(path) as log:
+                    return replace(load(log), probe="")
+            except FileError:
+                raise error from None
     tally = Tally()
     found: dict[str, _Samples] = defaultdict(_Samples)
     for item in decode_file(path, tally):

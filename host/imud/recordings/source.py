@@ -17,6 +17,8 @@ from imud.log.undated import write_capture
 from imud.log.writer import MAGIC
 from imud.probes.session import Probe
 from imud.probes.speaker import introduction, speaker_of
+from imud.recordings.foreign_log import log_of_foreign
+from imud.recordings.foreign_table import is_foreign
 
 _CHUNK = 65536
 
@@ -41,8 +43,13 @@ def local(path: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def log_of(path: Path) -> Iterator[Path]:
     """The log at `path`, or one that is made of the capture there, or of what comes on
-    stdin; its name has the stem of `path`. FileError if it is neither.
+    stdin, or of a foreign recording; its name has the stem of `path`. FileError if it
+    is none of these.
     """
+    if is_foreign(path):
+        with log_of_foreign(path) as log:
+            yield log
+        return
     with local(path) as file, tempfile.TemporaryDirectory(prefix="imud-") as folder:
         with legible(path), file.open("rb") as opened:
             magic = opened.read(len(MAGIC))

@@ -53,6 +53,7 @@ ALONE = {
     "decode": (["{}/log.mcap"], "pose"),
     "export": (["{}/log.mcap", "--out", "{}/tables"], "rows"),
     "recover": (["{}/log.mcap"], ""),
+    "import": (["{}/none.csv"], "can't read"),
     "replay": (["{}/log.mcap", "--link", "{}/port"], "no pseudo terminals"),
     "card": (["prepare", "{}/card.img", "--size", "64M"], ""),
     "install-service": (["--print"], "[Service]"),

@@ -55,6 +55,8 @@ CASES: list[tuple[Callable[[Path], Iterator[Path]], list[str]]] = [
     (bombs.captures, ["info", "{}"]),
     (bombs.captures, ["decode", "{}"]),
     (bombs.tables, ["sim", "nano", "--motion", "{}"]),
+    (bombs.tables, ["import", "{}", "--dry-run"]),
+    (bombs.parquets, ["import", "{}", "--dry-run"]),
     (bombs.texts, ["config", "--check", "{}"]),
     (bombs.texts, ["params", "load", "p", "{}"]),
     (bombs.texts, ["body", "{}"]),

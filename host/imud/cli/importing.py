@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: MIT
+"""Recordings of others as logs: `imud import`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import above_zero, add_command
+from imud.errors import ConfigError, FileError
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+    from imud.recordings.foreign_map import ForeignMap
+
+NAMES = ("acc", "gyr", "mag", "time")
+
+
+def add(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "import",
+        "make a log of what others have recorded: CSV, npz, Parquet, ROS bags",
+        "imud import walk.csv --map acc=ax,ay,az --unit gyr=deg/s --axes mag=y,x,-z",
+        "What is not told is guessed by names of columns and by what numbers can be, "
+        "and shown: docs/import.md. Commands that take a log take such a file, too, if "
+        "nothing has to be told.",
+    )
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        type=Path,
+        help=".csv, .tsv, .txt, .npz, .parquet, .bag, or the folder of a ROS 2 bag",
+    )
+    parser.add_argument(
+        "--to", metavar="LOG", type=Path, help="the log (default: FILE.mcap beside it)"
+    )
+    for option, metavar, words in (
+        ("map", "WHAT=COLUMNS", "columns of acc, gyr, mag (three) or time, by name"),
+        ("unit", "WHAT=UNIT", "g, deg/s, uT, ms, ...; 0.061mg is what a count is"),
+        ("axes", "WHAT=AXES", "where the columns point in the body, as y,x,-z"),
+    ):
+        parser.add_argument(
+            f"--{option}", metavar=metavar, action="append", default=[], help=words
+        )
+    parser.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=above_zero,
+        help="rows a second, of a table without times",
+    )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="show what would be read, and stop"
+    )
+    parser.set_defaults(run=_import)
+
+
+def _import(args: argparse.Namespace) -> int:
+    from imud.recordings import foreign_log
+
+    found = foreign_log.read(args.file, _told(args))
+    for line in found.told.lines():
+        sys.stdout.write(f"  {line}\n")
+    sys.stdout.write(f"{args.file}: {found.words()}\n")
+    if args.dry_run:
+        return 0
+    log = args.to or args.file.with_name(f"{args.file.stem}.mcap")
+    if log.exists():
+        raise FileError(f"{log} is there already; name another one with --to")
+    probe = foreign_log.write(found, args.file, log)
+    sys.stdout.write(f"{log}: probe {probe}; imud info {log}\n")
+    return 0
+
+
+def _told(args: argparse.Namespace) -> ForeignMap:
+    from imud.recordings.foreign_map import ForeignMap, unit_of
+
+    told = ForeignMap(rate_hz=args.rate)
+    for name, text in _pairs(args.map, "map"):
+        columns = tuple(column.strip() for column in text.split(","))
+        if len(columns) != (1 if name == "time" else 3):
+            raise ConfigError(f"--map {name}: {len(columns)} columns were named")
+        told.columns[name] = columns
+    for name, text in _pairs(args.unit, "unit"):
+        told.units[name], told.named[name] = unit_of(name, text), text
+    for name, text in _pairs(args.axes, "axes"):
+        told.axes[name] = text
+    return told
+
+
+def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
+    found = []
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or name not in NAMES:
+            raise ConfigError(f"--{option} {text}: say {' or '.join(NAMES)}, then =")
+        found.append((name, value))
+    return found

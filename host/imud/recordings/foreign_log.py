@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: MIT
+"""What others have recorded, as a log like any other: the wire's messages of a probe
+whose firmware is called `import`.
+
+Gaps, jitter and missing readings stay what they are: each row keeps its time, and a
+magnetometer that repeats a reading had nothing new.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from imud.errors import FileError
+from imud.log.undated import write_capture
+from imud.probes.session import Probe
+from imud.probes.speaker import introduction, speaker_of
+from imud.recordings import foreign_map, foreign_table
+from imud.recordings.foreign_map import ForeignMap
+from imud.rotation import FloatArray
+from imud.wire import messages, schema
+from imud.wire.frame import encode_frame
+
+FIRMWARE = "import"
+COUNTS_MAX = 32000.0  # of 16 bits
+LEAST_LSB = {"acc": 1e-6, "gyr": 1e-7, "mag": 1e-3}
+HELLO_S = 1.0
+REPEATED_MIN = 0.2  # a share of readings alike that no noise makes
+SAMPLES_MIN = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What was read, in SI units and uT in the body frame."""
+
+    t_us: np.ndarray[Any, np.dtype[np.int64]]
+    acc: FloatArray
+    gyr: FloatArray
+    mag: FloatArray  # NaN where there was nothing new
+    told: ForeignMap
+    left_out: int  # rows that lack a number, or go back in time
+
+    @property
+    def has_mag(self) -> bool:
+        return bool(np.isfinite(self.mag).any())
+
+    def words(self) -> str:
+        """On one line."""
+        steps = np.diff(self.t_us)
+        rate_hz = 1e6 / float(np.median(steps))
+        gaps = int((steps > 3 * np.median(steps)).sum())
+        parts = [f"{len(self.t_us):,} samples at {rate_hz:.1f} Hz"]
+        parts += [f"{gaps} gaps"] if gaps else []
+        parts += [f"{self.left_out} rows left out"] if self.left_out else []
+        if not self.has_mag:
+            parts.append("no magnetometer")
+        return ", ".join(parts)
+
+
+def read(path: Path, told: ForeignMap | None = None) -> Imported:
+    """A foreign recording. FileError with what is wrong, or has to be told."""
+    table = foreign_table.read(path)
+    told = foreign_map.completed(table, told or ForeignMap())
+    t_s = foreign_map.times_s(table, told)
+    acc, gyr = (foreign_map.vector(table, told, name) for name in ("acc", "gyr"))
+    mag = np.full_like(acc, np.nan)
+    if "mag" in told.columns:
+        mag = _fresh(foreign_map.vector(table, told, "mag"))
+    is_whole = np.isfinite(np.column_stack([t_s, acc, gyr])).all(axis=1)
+    latest = np.maximum.accumulate(np.where(is_whole, t_s, -np.inf))
+    is_whole &= np.diff(latest, prepend=-np.inf) > 0.0
+    if is_whole.sum() < SAMPLES_MIN:
+        raise FileError(f"{path}: {is_whole.sum()} samples are too few")
+    t_us = np.rint(1e6 * (t_s[is_whole] - t_s[is_whole][0])).astype(np.int64) + 1000
+    return Imported(
+        t_us,
+        acc[is_whole],
+        gyr[is_whole],
+        mag[is_whole],
+        told,
+        len(table) - int(is_whole.sum()),
+    )
+
+
+def _fresh(mag: FloatArray) -> FloatArray:
+    """Without what a slower magnetometer repeats."""
+    is_same = np.concatenate([[False], (np.diff(mag, axis=0) == 0.0).all(axis=1)])
+    if is_same.mean() < REPEATED_MIN:
+        return mag
+    return np.where(is_same[:, None], np.nan, mag)
+
+
+def frames(found: Imported, probe_id: bytes) -> Iterator[bytes]:
+    """What the probe would have said."""
+    lsbs = {
+        "acc": _lsb("acc", found.acc),
+        "gyr": _lsb("gyr", found.gyr),
+        "mag": _lsb("mag", found.mag),
+    }
+    hello = _hello(found, probe_id, lsbs)
+    counts = {name: np.rint(getattr(found, name) / lsb) for name, lsb in lsbs.items()}
+    sequence, next_us = 0, 0
+    for at, t_us in enumerate(found.t_us.tolist()):
+        if t_us >= next_us:
+            yield _frame("hello", hello, sequence, t_us)
+            sequence, next_us = sequence + 1, t_us + round(HELLO_S * 1e6)
+        fields = {
+            "acc": _triple(counts["acc"][at]),
+            "gyr": _triple(counts["gyr"][at]),
+            "mag": _triple(counts["mag"][at]),
+            "temperature": None,
+            "sample_flags": (),
+        }
+        yield _frame("raw", fields, sequence, t_us)
+        sequence += 1
+
+
+def _triple(counts: FloatArray) -> tuple[int, int, int] | None:
+    if not np.isfinite(counts).all():
+        return None
+    x, y, z = (int(count) for count in counts)
+    return x, y, z
+
+
+def _frame(name: str, fields: dict[str, Any], sequence: int, t_us: int) -> bytes:
+    return encode_frame(messages.encode(name, fields, sequence, t_us))
+
+
+def _lsb(name: str, rows: FloatArray) -> float:
+    """What a count is, so that 16 bits hold the largest reading."""
+    sizes = np.abs(rows[np.isfinite(rows)])
+    return max(LEAST_LSB[name], float(sizes.max(initial=0.0)) / COUNTS_MAX)
+
+
+def _hello(found: Imported, probe_id: bytes, lsbs: dict[str, float]) -> dict[str, Any]:
+    rate_hz = min(65535, max(1, round(1e6 / float(np.median(np.diff(found.t_us))))))
+    return {
+        "protocol_version": schema.PROTOCOL_VERSION,
+        "schema_fingerprint": schema.FINGERPRINT,
+        "firmware": FIRMWARE,
+        "board": "micropython",  # any board
+        "probe_id": probe_id,
+        # Nine axes, or six: which chip it was is not known.
+        "sensor": "mpu9250" if found.has_mag else "mpu6500",
+        "who_am_i": (0, 0),
+        "mag_adjust": (0, 0, 0),
+        "self_test": (),
+        "sample_rate": rate_hz,
+        "pose_rate": 0,
+        "raw_rate": rate_hz,
+        "acc_lsb": lsbs["acc"],
+        "gyr_lsb": lsbs["gyr"],
+        "mag_lsb": lsbs["mag"],
+        "boot_count": 1,
+        "reset_cause": (),
+        "filter": "none",
+        "reset_address": 0,
+        "params_digest": 0,
+        "own_field": (0.0, 0.0, 0.0),
+        "own_sigma": 0.0,
+    }
+
+
+def _said(found: Imported, probe_id: bytes) -> Iterator[bytes]:
+    return (b"\0" + each for each in frames(found, probe_id))
+
+
+def write(found: Imported, source: Path, log: Path) -> str:
+    """Writes the log; returns the probe's id, made of the file's name and samples."""
+    digest = hashlib.sha256(source.name.encode())
+    for rows in (found.t_us, found.acc, found.gyr):
+        digest.update(rows.tobytes())
+    probe_id = digest.digest()[:8]
+    probe = speaker_of(introduction(_said(found, probe_id)), Probe)
+    if not write_capture(_said(found, probe_id), probe, log):
+        raise FileError(f"{source}: nothing of it could be written")
+    return probe_id.hex()
+
+
+@contextlib.contextmanager
+def log_of_foreign(path: Path) -> Iterator[Path]:
+    """A log of a foreign recording, for as long as it is used; all that is needed to
+    know of it is guessed.
+    """
+    with tempfile.TemporaryDirectory(prefix="imud-") as folder:
+        log = Path(folder) / f"{path.stem}.mcap"
+        write(read(path), path, log)
+        yield log

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: MIT
+"""Which columns of a foreign table are which sensor, in which unit, along which axes:
+as it was told, else guessed by names and by what the numbers can be.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from imud.errors import FileError
+from imud.recordings.foreign_table import ForeignTable, words
+from imud.rotation import FloatArray
+
+SENSORS = ("acc", "gyr", "mag")
+# Words of columns' names, the likelier ones first.
+NAMES = {
+    "acc": ("acc", "accel", "acceleration", "accelerometer", "linear", "a", "f"),
+    "gyr": ("gyr", "gyro", "gyroscope", "angular", "rate", "omega", "w", "g"),
+    "mag": ("mag", "magnetometer", "magnetic", "m", "b", "h"),
+}
+TIMES = ("time", "timestamp", "stamp", "t", "seconds", "secs", "micros", "millis")
+
+DEGREE = math.pi / 180.0
+# What one of a unit is in m/s2, rad/s, uT and s.
+UNITS: dict[str, dict[str, float]] = {
+    "acc": {"m/s2": 1.0, "g": 9.80665, "mg": 0.00980665, "cm/s2": 0.01},
+    "gyr": {"rad/s": 1.0, "deg/s": DEGREE, "mrad/s": 1e-3, "mdeg/s": DEGREE / 1e3},
+    "mag": {"uT": 1.0, "T": 1e6, "mT": 1e3, "nT": 1e-3, "G": 100.0, "mG": 0.1},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+}
+# Counts of common ranges: 2, 4, 8, 16 g and 250, 500, 1000, 2000 deg/s in 16 bits.
+COUNTS = {
+    "acc": {f"1/{n} g": 9.80665 / n for n in (16384, 8192, 4096, 2048)},
+    "gyr": {f"1/{n:g} deg/s": DEGREE / n for n in (131, 65.5, 32.8, 16.4)},
+}
+SPELT = {
+    "m/s^2": "m/s2", "ms2": "m/s2", "ms^-2": "m/s2", "mps2": "m/s2",
+    "dps": "deg/s", "deg/sec": "deg/s", "degps": "deg/s", "rad": "rad/s",
+    "rads": "rad/s", "radps": "rad/s", "deg": "deg/s", "gauss": "G", "ut": "uT",
+    "µt": "uT", "nt": "nT", "mgauss": "mG", "sec": "s", "usec": "us", "msec": "ms",
+    "micros": "us", "millis": "ms", "nsec": "ns",
+}  # fmt: skip
+
+# A step of the time between these is a rate that IMUs have.
+STEP_S = (1.0 / 5000.0, 0.2)
+EARTH_UT = (18.0, 75.0)
+GRAVITY_NEAR = 0.25  # by which the median force may be off gravity, as a share
+SMOOTH_S = 0.3  # over which force is averaged to see gravity turn
+
+
+@dataclass(slots=True)
+class ForeignMap:
+    """What was told, and then what holds. `units`: of acc, gyr, mag, time, by what one
+    of them is in SI units and uT. `axes`: as "x,-z,y", where they point in the body.
+    """
+
+    columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    units: dict[str, float] = field(default_factory=dict)
+    axes: dict[str, str] = field(default_factory=dict)
+    rate_hz: float | None = None
+    named: dict[str, str] = field(default_factory=dict)  # units, in words
+    guessed: set[str] = field(default_factory=set)
+
+    def lines(self) -> Iterator[str]:
+        """For people."""
+        for name in ("time", *SENSORS):
+            if name not in self.columns:
+                continue
+            how = " (guessed)" if name in self.guessed else ""
+            unit = self.named.get(name, "")
+            along = f", axes {self.axes[name]}" if name in self.axes else ""
+            yield f"{name:<5}{', '.join(self.columns[name])}: {unit}{how}{along}"
+        if "time" not in self.columns:
+            yield f"time {self.rate_hz:g} rows a second, as you say"
+
+
+def unit_of(sensor: str, text: str) -> float:
+    """What one of a unit is: g, or 0.061mg. FileError if there is no such unit."""
+    known = UNITS[sensor]
+    digits = text.strip()
+    for at in range(len(digits), -1, -1):
+        try:
+            factor = float(digits[:at] or 1.0)
+        except ValueError:
+            continue
+        name = digits[at:].strip()
+        name = name if name in known else SPELT.get(name.lower(), name)
+        if name in known:
+            return factor * known[name]
+        break
+    raise FileError(f"{sensor}: no unit {text!r}; there are {', '.join(known)}")
+
+
+def vector(table: ForeignTable, told: ForeignMap, sensor: str) -> FloatArray:
+    """The readings of a sensor in the body frame, in SI units and uT, shape (n, 3)."""
+    rows = np.stack([table.columns[name] for name in told.columns[sensor]], axis=1)
+    return _along(rows * told.units[sensor], told.axes.get(sensor, "x,y,z"), sensor)
+
+
+def _along(rows: FloatArray, axes: str, sensor: str) -> FloatArray:
+    parts = [part.strip() for part in axes.split(",")]
+    names = [part.lstrip("+-") for part in parts]
+    if sorted(names) != ["x", "y", "z"]:
+        raise FileError(
+            f"{sensor}: axes are three like x,-z,y, one for each column, not {axes!r}"
+        )
+    found = np.empty_like(rows)
+    for at, part in enumerate(parts):
+        found[:, "xyz".index(part[-1])] = (
+            -rows[:, at] if part[0] == "-" else rows[:, at]
+        )
+    return found
+
+
+def completed(table: ForeignTable, told: ForeignMap) -> ForeignMap:
+    """The map with all that was not told, guessed. FileError if that is not possible:
+    it says what to tell.
+    """
+    for name, columns in told.columns.items():
+        if missing := [each for each in columns if each not in table.columns]:
+            raise FileError(
+                f"{name}: no column {', '.join(missing)}; there are "
+                f"{', '.join(table.columns)}"
+            )
+    _find_columns(table, told)
+    if table.is_known:
+        told.units |= {"acc": 1.0, "gyr": 1.0, "mag": 1e6, "time": 1.0}
+        told.named |= {"acc": "m/s2", "gyr": "rad/s", "mag": "T", "time": "s"}
+    _find_time(table, told)
+    _find_acc(table, told)
+    _find_mag(table, told)
+    _find_gyr(table, told)
+    return told
+
+
+def _find_columns(table: ForeignTable, told: ForeignMap) -> None:
+    for sensor in SENSORS:
+        if sensor not in told.columns:
+            found = _triple(table.columns, NAMES[sensor])
+            if found is not None:
+                told.columns[sensor] = found
+                told.guessed.add(sensor)
+    for sensor in ("acc", "gyr"):
+        if sensor not in told.columns:
+            raise FileError(
+                f"which columns are {sensor}? Of {', '.join(table.columns)} say: "
+                f"--map {sensor}=X,Y,Z"
+            )
+
+
+def _triple(
+    columns: Mapping[str, FloatArray], names: tuple[str, ...]
+) -> tuple[str, ...] | None:
+    """Three columns that a name and x, y, z tell."""
+    for name in names:
+        found = []
+        for axis in "xyz":
+            fits = [each for each in columns if _is_named(words(each), name, axis)]
+            found += fits[:1]
+        if len(found) == 3:
+            return tuple(found)
+    return None
+
+
+def _is_named(parts: list[str], name: str, axis: str) -> bool:
+    joined = (name + axis, axis + name, f"{name}-{axis}", f"{name}{axis}")
+    # A letter alone may be a unit's: acc_x_m_s2.
+    places = parts if len(name) > 2 else parts[:1]
+    return any(part in joined for part in parts) or (name in places and axis in parts)
+
+
+def _find_time(table: ForeignTable, told: ForeignMap) -> None:
+    if told.rate_hz is not None:
+        told.columns.pop("time", None)
+        return
+    if "time" not in told.columns:
+        found = [n for n in table.columns if set(words(n)) & set(TIMES)]
+        if not found:
+            raise FileError(
+                "no column tells the time: --map time=COLUMN, or --rate HZ if rows "
+                "come evenly"
+            )
+        told.columns["time"] = (found[0],)
+        told.guessed.add("time")
+    if "time" in told.units:
+        return
+    (name,) = told.columns["time"]
+    if _named_unit("time", name, told):
+        return
+    steps = np.diff(table.columns[name])
+    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    for unit, factor in UNITS["time"].items():
+        if STEP_S[0] <= step * factor <= STEP_S[1]:
+            _guess(told, "time", unit, factor)
+            return
+    raise FileError(f"the unit of {name}, whose steps are {step:g}? Say --unit time=ms")
+
+
+def _named_unit(sensor: str, column: str, told: ForeignMap) -> bool:
+    """Whether a column's name tells its unit, which is then known."""
+    parts = words(column)
+    pairs = map("/".join, itertools.pairwise(parts))
+    for part in (*parts[1:], *pairs) if len(parts) > 1 else parts:
+        name = part if part in UNITS[sensor] else SPELT.get(part, part)
+        name = {"ut": "uT", "t": ""}.get(name, name)
+        if name in UNITS[sensor]:
+            told.units[sensor] = UNITS[sensor][name]
+            told.named[sensor] = name
+            return True
+    return False
+
+
+def _guess(told: ForeignMap, sensor: str, unit: str, factor: float) -> None:
+    told.units[sensor], told.named[sensor] = factor, unit
+    told.guessed.add(sensor)
+
+
+def _find_acc(table: ForeignTable, told: ForeignMap) -> None:
+    if "acc" in told.units or _named_unit("acc", told.columns["acc"][0], told):
+        return
+    rows = np.stack([table.columns[name] for name in told.columns["acc"]], axis=1)
+    size = float(np.nanmedian(np.linalg.norm(rows, axis=1)))
+    for unit, factor in (UNITS["acc"] | COUNTS["acc"]).items():
+        if abs(size * factor / 9.80665 - 1.0) < GRAVITY_NEAR:
+            _guess(told, "acc", unit, factor)
+            return
+    raise FileError(
+        f"the unit of {', '.join(told.columns['acc'])}, whose length is {size:g} as a "
+        "rule? Say --unit acc=g, or --unit acc=0.000488g for what a count is"
+    )
+
+
+def _find_mag(table: ForeignTable, told: ForeignMap) -> None:
+    if "mag" not in told.columns or "mag" in told.units:
+        return
+    if _named_unit("mag", told.columns["mag"][0], told):
+        return
+    rows = np.stack([table.columns[name] for name in told.columns["mag"]], axis=1)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    middle = (rows.max(axis=0) + rows.min(axis=0)) / 2.0 if len(rows) else 0.0
+    # The probe's own field moves the middle; what turns about it is the Earth's.
+    sizes = [float(np.median(np.linalg.norm(rows - c, axis=1))) for c in (0.0, middle)]
+    for size in sizes if len(rows) else ():
+        for unit, factor in UNITS["mag"].items():
+            if EARTH_UT[0] <= size * factor <= EARTH_UT[1]:
+                _guess(told, "mag", unit, factor)
+                return
+    raise FileError(
+        f"the unit of {', '.join(told.columns['mag'])}, whose length is {sizes[0]:g} "
+        "as a rule? Say --unit mag=mG, or --unit mag=0.15uT for what a count is"
+    )
+
+
+def _find_gyr(table: ForeignTable, told: ForeignMap) -> None:
+    """Of all units the one by which gravity turns in the body as the rate says."""
+    if "gyr" in told.units or _named_unit("gyr", told.columns["gyr"][0], told):
+        return
+    acc = vector(table, told, "acc")
+    rows = np.stack([table.columns[name] for name in told.columns["gyr"]], axis=1)
+    rows = _along(rows, told.axes.get("gyr", "x,y,z"), "gyr")
+    factor = seen_turning(acc, rows, times_s(table, told))
+    for unit, one in (UNITS["gyr"] | COUNTS["gyr"]).items():
+        if factor is not None and abs(math.log(one / factor)) < math.log(1.5):
+            _guess(told, "gyr", unit, one)
+            return
+    raise FileError(
+        f"the unit of {', '.join(told.columns['gyr'])}? Gravity does not turn as they "
+        "say in any: --unit gyr=deg/s, and look at --axes"
+    )
+
+
+def times_s(table: ForeignTable, told: ForeignMap) -> FloatArray:
+    """When each row was, s, shape (n,)."""
+    if told.rate_hz is not None:
+        return np.arange(len(table)) / told.rate_hz
+    (name,) = told.columns["time"]
+    values = table.columns[name]
+    # From the first one on: nanoseconds since 1970 are more than a double holds.
+    return np.asarray((values - values[0]) * told.units["time"])
+
+
+def seen_turning(acc: FloatArray, gyr: FloatArray, t_s: FloatArray) -> float | None:
+    """What a unit of the rate must be for gravity to turn with it, rad/s: in the body
+    it turns by u' = -w x u. None if it hardly turned, or otherwise.
+    """
+    step = float(np.median(np.diff(t_s)))
+    width = max(3, round(SMOOTH_S / step)) if step > 0.0 else 3
+    if len(acc) < 4 * width:
+        return None
+    window = np.hanning(width + 2)[1:-1] / np.hanning(width + 2).sum()
+
+    def smooth(rows: FloatArray) -> FloatArray:
+        rows = np.nan_to_num(rows)
+        each = [np.convolve(rows[:, axis], window, "valid") for axis in range(3)]
+        return np.stack(each, axis=1)
+
+    force, rate = smooth(acc), smooth(gyr - np.nanmedian(gyr, axis=0))
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    turned = np.gradient(up, step, axis=0)
+    said = np.cross(up, rate)
+    power = float((said**2).sum())
+    if power <= 0.0:
+        return None
+    factor = float((turned * said).sum()) / power
+    spread = float((turned**2).sum())
+    alike = factor * factor * power / spread if spread > 0.0 else 0.0
+    return factor if factor > 0.0 and alike > 0.3 else None

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: MIT
+"""Recordings of others: what is guessed of them is right, what is told holds, and what
+comes of it is a log like any other.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow import parquet
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from imud import cli
+from imud.errors import FileError
+from imud.recordings import foreign_log, motions
+from imud.recordings.foreign_map import ForeignMap, unit_of
+from imud.rotation import FloatArray
+from imud.virtual.calibrating import SCALE
+from raw_probe import calibrating, used
+
+G = 9.80665
+
+
+@cache
+def recording(*, is_long: bool = False) -> tuple[FloatArray, ...]:
+    """Time in s, m/s2, rad/s, uT of a module in use, or of one that is calibrated."""
+    samples = calibrating() if is_long else used(20.0)
+    return (
+        np.array([each.t_us for each in samples]) * 1e-6,
+        np.array([each.acc for each in samples]) * SCALE.acc_m_s2,
+        np.array([each.gyr for each in samples]) * SCALE.gyr_rad_s,
+        np.array([each.mag for each in samples]) * SCALE.mag_ut,
+    )
+
+
+def text(path: Path, names: Sequence[str], *columns: FloatArray, by: str = ",") -> Path:
+    rows = np.column_stack(columns)
+    lines = [by.join(names)] if names else []
+    lines += [by.join(f"{value:.9g}" for value in row) for row in rows]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def named(*patterns: str) -> list[str]:
+    return [pattern.format(axis) for pattern in patterns for axis in "xyz"]
+
+
+T, ACC, GYR, MAG = range(4)
+
+
+def written(kind: str, folder: Path) -> Path:
+    """The recording as others would have it."""
+    t, acc, gyr, mag = recording()
+    if kind == "units in names":
+        names = ["Time(s)", *named("Acc{}(g)", "Gyro{}(deg/s)", "Mag{}(uT)")]
+        names = [name.replace("x(", "X(").replace("y(", "Y(") for name in names]
+        return text(folder / "a.csv", names, t, acc / G, np.degrees(gyr), mag)
+    if kind == "counts":
+        counts = np.rint(acc / G * 8192), np.rint(np.degrees(gyr) * 65.5)
+        names = ["t", *named("a{}", "g{}", "m{}")]
+        return text(folder / "b.tsv", names, 1000.0 * t, *counts, 10.0 * mag, by="\t")
+    if kind == "nanoseconds":
+        names = ["timestamp", *named("linear_acceleration.{}", "angular_velocity.{}")]
+        t_ns = 1e9 * (t + 1000.0)
+        return text(folder / "c.csv", names, np.rint(t_ns), acc, gyr, by=";")
+    if kind == "npz":
+        path = folder / "d.npz"
+        np.savez(path, accel=acc, gyro=gyr, mag=1e-6 * mag, time=t)
+        return path
+    path = folder / "e.parquet"
+    six = np.hstack([acc, gyr]).T
+    columns = dict(zip(named("acc_{}_m_s2", "gyr_{}_rad_s"), six, strict=True))
+    table = {"time": np.rint(1e6 * t).astype("datetime64[us]"), **columns}
+    parquet.write_table(pyarrow.table(table), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "units"),
+    [
+        ("units in names", ("s", "g", "deg/s", "uT")),
+        ("counts", ("ms", "1/8192 g", "1/65.5 deg/s", "mG")),
+        ("nanoseconds", ("ns", "m/s2", "rad/s", None)),
+        ("npz", ("s", "m/s2", "rad/s", "T")),
+        ("parquet", ("us", "m/s2", "rad/s", None)),
+    ],
+)
+def test_what_is_guessed_is_right(
+    kind: str, units: tuple[str | None, ...], tmp_path: Path
+) -> None:
+    found = foreign_log.read(written(kind, tmp_path))
+    t, acc, gyr, mag = recording()
+    told = found.told.named
+    assert tuple(told.get(name) for name in ("time", "acc", "gyr", "mag")) == units
+    assert np.abs(found.acc - acc).max() < 0.01
+    assert np.abs(found.gyr - gyr).max() < 0.001
+    assert np.abs(found.t_us - found.t_us[0] - 1e6 * (t - t[0])).max() < 300.0
+    if units[3] is None:
+        assert not found.has_mag
+        assert "no magnetometer" in found.words()
+    else:
+        fresh = np.isfinite(found.mag[:, 0])
+        assert np.abs(found.mag[fresh] - mag[fresh]).max() < 0.01
+
+
+def test_what_comes_out_is_a_log_like_any_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t, acc, gyr, mag = recording(is_long=True)
+    names = ["t_s", *named("acc_{}_g", "gyr_{}_dps", "mag_{}_uT")]
+    path = text(tmp_path / "a.csv", names, t, acc / G, np.degrees(gyr), mag)
+    assert cli.main(["import", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "acc  acc_x_g, acc_y_g, acc_z_g: g (guessed)" in said
+    log = tmp_path / "a.mcap"
+    assert cli.main(["info", str(log), "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert info["probes"]
+    # Twelve poses of it are a calibration; so are they of the table itself.
+    for source in (log, path):
+        words = ["calibrate", "--from", str(source), "--dry-run"]
+        assert cli.main(words) == 0
+        assert "calibrated from" in capsys.readouterr().out
+    assert cli.main(["export", str(log), "--out", str(tmp_path / "tables")]) == 0
+    # It is not written over.
+    assert cli.main(["import", str(path)]) == 1
+    assert "is there already" in capsys.readouterr().err
+
+
+def test_axes_and_units_are_as_told(tmp_path: Path) -> None:
+    t, acc, gyr, mag = recording()
+    turned = acc[:, [1, 0, 2]] * [1.0, -1.0, 1.0]
+    names = ["when", *"abcdefghi"]
+    path = text(tmp_path / "a.csv", names, t, turned / 0.004, gyr, mag)
+    told = ForeignMap(
+        columns={
+            "acc": ("a", "b", "c"),
+            "gyr": ("d", "e", "f"),
+            "mag": ("g", "h", "i"),
+            "time": ("when",),
+        },
+        units={"acc": unit_of("acc", "0.004m/s2")},
+        axes={"acc": "y,-x,z"},
+    )
+    found = foreign_log.read(path, told)
+    assert np.abs(found.acc - acc).max() < 1e-4
+    assert found.told.named["gyr"] == "rad/s"
+
+
+def test_gaps_repeats_and_holes_stay_what_they_are(tmp_path: Path) -> None:
+    t, acc, gyr, mag = (np.array(each[:1200]) for each in recording())
+    mag = mag[np.arange(len(t)) // 5 * 5]  # a fifth as fast
+    acc[700] = np.nan
+    t[900:] += 2.0
+    t[1100] = t[1000]
+    names = ["time", *named("a{}", "w{}", "m{}")]
+    path = text(tmp_path / "a.csv", names, t, acc, gyr, mag)
+    path.write_text(path.read_text().replace("nan", ""))
+    found = foreign_log.read(path)
+    assert found.left_out == 2
+    assert len(found.t_us) == 1198
+    assert np.isfinite(found.mag[:, 0]).mean() == pytest.approx(0.2, abs=0.02)
+    assert "1 gaps, 2 rows left out" in found.words()
+    # A virtual probe is moved by the longest part without a gap.
+    moved = motions.load(path)
+    assert moved.filled == 1
+    assert moved.left_out_s == pytest.approx(3.0, abs=0.3)
+
+
+def test_a_bag_of_ros_is_read(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    header, stamp = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    vector, quat = (
+        types["geometry_msgs/msg/Vector3"],
+        types["geometry_msgs/msg/Quaternion"],
+    )
+    t, acc, gyr, mag = (each[:500] for each in recording())
+    path = tmp_path / "bag"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        kinds = ("sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField")
+        imu, field = (
+            writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in zip(("/imu/data_raw", "/imu/mag"), kinds, strict=True)
+        )
+        for at, t_s in enumerate(t):
+            t_ns = round(1e9 * (t_s + 100.0))
+            head = header(stamp(t_ns // 10**9, t_ns % 10**9), "imu")
+            none = np.zeros(9)
+            message = types[kinds[0]](
+                head,
+                quat(0, 0, 0, 1),
+                none,
+                vector(*gyr[at]),
+                none,
+                vector(*acc[at]),
+                none,
+            )
+            raw = store.serialize_cdr(message, kinds[0])
+            writer.write(imu, t_ns, raw)
+            if at % 2 == 0:
+                reading = types[kinds[1]](head, vector(*(1e-6 * mag[at])), none)
+                writer.write(field, t_ns, store.serialize_cdr(reading, kinds[1]))
+    found = foreign_log.read(path)
+    assert np.abs(found.acc - acc).max() < 1e-9
+    assert np.abs(found.gyr - gyr).max() < 1e-9
+    assert np.isfinite(found.mag[:, 0]).sum() == 250
+    assert np.abs(found.mag[::2] - mag[::2]).max() < 1e-9
+
+
+def lines(*rows: str) -> str:
+    return "\n".join(rows) + "\n"
+
+
+HEAD = "t,ax,ay,az,gx,gy,gz"
+ROW = "0.01,0,0,9.8,0,0,0"
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("", "holds no numbers"),
+        (lines("t,ax,ay,az", "1,2,3,4"), "which columns are gyr"),
+        (lines("ax,ay,az,gx,gy,gz", "1,2,3,4,5,6"), "no column tells the time"),
+        (lines(HEAD, ROW, "0.02,0,0"), ":3: 3 columns, not 7"),
+        (lines(HEAD, ROW, "0.02,0,0,x,0,0,0"), ":3: not all of it are numbers"),
+        (lines(HEAD, *[ROW] * 9), "the unit of t, whose steps are 0"),
+        (lines(HEAD, *(f"{n},0,0,77,0,0,1" for n in range(99))), "the unit of ax, ay"),
+        (lines(HEAD, *(f"{n},0,0,9.8,0,0,1" for n in range(99))), "the unit of gx, gy"),
+        ("x" * 70000, "longer than 65536 characters"),
+    ],
+)
+def test_what_cannot_be_read_says_what_to_tell(
+    content: str, why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(content)
+    assert cli.main(["import", str(path)]) == 1
+    line = capsys.readouterr().err
+    assert why in line
+    assert line.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--map", "acc=ax,ay"], "2 columns were named"),
+        (["--map", "foo=ax"], "say acc or gyr or mag or time"),
+        (["--map", "acc=ax,ay,q"], "no column q"),
+        (["--unit", "acc=parsec"], "no unit 'parsec'"),
+        (["--axes", "gyr=x,x,z"], "axes are three like x,-z,y"),
+    ],
+)
+def test_what_is_told_wrongly_is_refused(
+    words: list[str], why: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written("counts", tmp_path)
+    assert cli.main(["import", str(path), *words]) == 1
+    assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.parquet", "a.bag"])
+def test_a_file_that_is_none_of_its_kind(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"nothing of the kind" * 20)
+    with pytest.raises(FileError, match=name):
+        foreign_log.read(path)
+
+
+def test_a_gyroscope_whose_axes_are_wrong_is_not_believed(tmp_path: Path) -> None:
+    t, acc, gyr, _ = recording()
+    names = ["t", *named("a{}", "w{}")]
+    path = text(tmp_path / "a.csv", names, t, acc, gyr[:, [1, 2, 0]])
+    with pytest.raises(FileError, match="Gravity does not turn as they say"):
+        foreign_log.read(path)
