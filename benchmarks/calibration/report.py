@@ -79,7 +79,7 @@ def of_crowd(rows: Sequence[dict[str, Any]]) -> list[Figure]:
     counts = f"{len(accepted)} accepted, {len(good)} good of {len(rows)}"
     return [
         Figure("accepted and bad, %", wrong, (0.0, 1.0), (0.0, 0.3), counts),
-        Figure("good and refused, %", lost, (0.0, 50.0), (0.0, 25.0)),
+        Figure("good and refused, %", lost, (0.0, 25.0), (0.0, 15.0)),
     ]
 
 

@@ -64,6 +64,64 @@ def bias_course(recording: SensorRecording, stops: list[StaticInterval]) -> Floa
     return np.stack(courses, axis=1)
 
 
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """The turns between stops that follow each other without a gap."""
+
+    step_s: float
+    shifted: FloatArray  # rates without the bias that the stops show
+    middles: IntArray  # the step in the middle of each stop
+    pairs: IntArray  # the stops after which there is a turn
+    sigma: FloatArray  # of the direction of gravity after each turn, rad
+
+    @classmethod
+    def of(
+        cls,
+        recording: SensorRecording,
+        stops: list[StaticInterval],
+        sigma_rad: FloatArray,
+    ) -> Turns:
+        """`sigma_rad`: errors of the directions of gravity at the stops (k,)."""
+        middles = np.array([stop.middle for stop in stops])
+        pairs = _pairs(recording, middles)
+        return cls(
+            recording.step_s,
+            recording.gyr - bias_course(recording, stops),
+            middles,
+            pairs,
+            _turn_sigma(recording.step_s, middles, pairs, sigma_rad),
+        )
+
+    def linear(
+        self, x: FloatArray, up: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """How the differences of gravity across turns change with the parameters, those
+        differences, and the attitudes.
+        """
+        matrix = np.eye(3) + x[:9].reshape(3, 3)
+        shifted = self.shifted - x[9:]
+        attitude = integrated(shifted @ matrix.T, self.step_s)
+        halfway = (attitude[:-1] + attitude[1:]) / 2.0
+        # A small error of the rate turns all that follows: sum R (dE y - E db) dt.
+        slopes = np.concatenate(
+            [halfway @ row_slopes(shifted), -halfway @ matrix], axis=2
+        )
+        grown = np.concatenate(
+            [np.zeros((1, 3, PARAMETERS)), np.cumsum(slopes, axis=0)]
+        )
+        start, end = self.middles[self.pairs], self.middles[self.pairs + 1]
+        before = np.einsum("kij,kj->ki", attitude[start], up[self.pairs])
+        after = np.einsum("kij,kj->ki", attitude[end], up[self.pairs + 1])
+        turned = skew(after) @ (grown[end] - grown[start]) * self.step_s
+        return turned.reshape(-1, PARAMETERS), (before - after).ravel(), attitude
+
+
+def prior() -> FloatArray:
+    """One-sigma errors of the parameters before a fit."""
+    matrix = np.where(np.eye(3).ravel() > 0.0, SCALE, CROSS)
+    return np.concatenate([matrix, np.full(3, BIAS_RAD_S)])
+
+
 def fit(
     recording: SensorRecording,
     stops: list[StaticInterval],
@@ -73,34 +131,28 @@ def fit(
     """From the directions of gravity at the stops, unit vectors of shape (k, 3) in the
     accelerometer's frame, and their errors (k,).
     """
-    course = bias_course(recording, stops)
-    middles = np.array([stop.middle for stop in stops])
-    pairs = _pairs(recording, middles)
-    shifted = recording.gyr - course
-    prior = np.concatenate(
-        [np.where(np.eye(3).ravel() > 0.0, SCALE, CROSS), np.full(3, BIAS_RAD_S)]
-    )
-    of_prior = np.diag(prior**-2.0)
-    sigma = _turn_sigma(recording.step_s, middles, pairs, sigma_rad)
-    weights = np.repeat(sigma**-2.0, 3)
+    turns = Turns.of(recording, stops, sigma_rad)
+    of_prior = np.diag(prior() ** -2.0)
+    weights = np.repeat(turns.sigma**-2.0, 3)
     x = np.zeros(PARAMETERS)
     for _ in range(ROUNDS):
-        slopes, off, _ = _linear(shifted, recording.step_s, x, middles, pairs, up)
+        slopes, off, _ = turns.linear(x, up)
         normal = slopes.T @ (slopes * weights[:, None]) + of_prior
         x = x - np.linalg.solve(normal, slopes.T @ (weights * off) + of_prior @ x)
-    _, off, attitude = _linear(shifted, recording.step_s, x, middles, pairs, up)
+    _, off, attitude = turns.linear(x, up)
     matrix = np.eye(3) + x[:9].reshape(3, 3)
     # Two of the three components of a small difference of directions are free.
-    freedom = max(2 * len(pairs) - 9, 1)
+    freedom = max(2 * len(turns.pairs) - 9, 1)
     chi = math.sqrt((weights * off**2).sum() / freedom)
     angle = np.arcsin(np.clip(np.linalg.norm(off.reshape(-1, 3), axis=1), 0.0, 1.0))
+    course = bias_course(recording, stops)
     return GyrFit(
         matrix,
         course.mean(axis=0) + x[9:],
         np.asarray(np.linalg.inv(normal), dtype=float),
         angle,
         max(1.0, chi),
-        (shifted - x[9:]) @ matrix.T,
+        (turns.shifted - x[9:]) @ matrix.T,
         attitude,
     )
 
@@ -109,11 +161,8 @@ def mismatch(
     recording: SensorRecording, stops: list[StaticInterval], up: FloatArray
 ) -> float:
     """The rms angle by which gravity is off after the turns, rad, without a fit."""
-    middles = np.array([stop.middle for stop in stops])
-    pairs = _pairs(recording, middles)
-    shifted = recording.gyr - bias_course(recording, stops)
-    nothing = np.zeros(PARAMETERS)
-    _, off, _ = _linear(shifted, recording.step_s, nothing, middles, pairs, up)
+    turns = Turns.of(recording, stops, np.zeros(len(stops)))
+    _, off, _ = turns.linear(np.zeros(PARAMETERS), up)
     return float(np.sqrt((off.reshape(-1, 3) ** 2).sum(axis=1).mean()))
 
 
@@ -134,28 +183,3 @@ def _turn_sigma(
     seconds = (middles[pairs + 1] - middles[pairs]) * step_s
     walk = WALK_RAD * np.sqrt(seconds / WALK_HZ)
     return np.asarray(np.sqrt(level[pairs] ** 2 + level[pairs + 1] ** 2 + walk**2))
-
-
-def _linear(
-    shifted: FloatArray,
-    step_s: float,
-    x: FloatArray,
-    middles: IntArray,
-    pairs: IntArray,
-    up: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How the differences of gravity across turns change with the parameters, those
-    differences, and the attitudes.
-    """
-    matrix = np.eye(3) + x[:9].reshape(3, 3)
-    shifted = shifted - x[9:]
-    attitude = integrated(shifted @ matrix.T, step_s)
-    halfway = (attitude[:-1] + attitude[1:]) / 2.0
-    # A small error of the rate turns all that follows: sum R (dE y - E db) dt.
-    slopes = np.concatenate([halfway @ row_slopes(shifted), -halfway @ matrix], axis=2)
-    grown = np.concatenate([np.zeros((1, 3, PARAMETERS)), np.cumsum(slopes, axis=0)])
-    start, end = middles[pairs], middles[pairs + 1]
-    before = np.einsum("kij,kj->ki", attitude[start], up[pairs])
-    after = np.einsum("kij,kj->ki", attitude[end], up[pairs + 1])
-    turned = skew(after) @ (grown[end] - grown[start]) * step_s
-    return turned.reshape(-1, PARAMETERS), (before - after).ravel(), attitude

@@ -21,10 +21,10 @@ from imud.params.value import Calibration
 from imud.rotation import FloatArray
 
 # Worse scores than these are refused, degrees: of the tilt that is exceeded once in 200
-# times, and of the heading's one-sigma error. Chosen on 700 simulated recordings of all
-# kinds: none that is off by over 0.5 of tilt or 3 of heading is accepted, and 46 % of
-# the good ones are refused.
-TILT_LIMIT_MAX_DEG = 0.75
+# times, and of the heading's one-sigma error. On 350 simulated recordings of all kinds
+# 0.5 % of those that are accepted are off by over 0.5 of tilt or 3 of heading, and 21 %
+# of the good ones are refused: docs/calibration.md.
+TILT_LIMIT_MAX_DEG = 1.0
 HEADING_MAX_DEG = 3.0
 
 RARE = 2.576  # sigmas of a normal variable that is beyond it once in 200 times

@@ -188,6 +188,6 @@ def _missing(fit: ModuleFit) -> str:
     """Which pose would help most."""
     shown: FloatArray = fit.up
     wanted = poses.wanted(fit.acc)
-    if wanted.sign == (0, 0, -1) and shown[:, 2].min() > -0.5:
+    if wanted.sign[2] < 0 and shown[:, 2].min() > -0.5:
         return "it was never upside down: turn it over"
     return f"lay it {wanted.words}"

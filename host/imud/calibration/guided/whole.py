@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imud.calibration import accelerometer, gyroscope, magnetometer, path
+from imud.calibration import accelerometer, gyroscope, joint, magnetometer, path
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
 from imud.calibration.gyroscope import GyrFit
@@ -49,6 +49,7 @@ def fit(
         return None
     readings, sigma = accelerometer.means(recording, stops)
     acc = accelerometer.fit(readings, sigma)
+    acc = joint.refined(recording, stops, readings, sigma, acc)
     up = units(acc.force(readings))
     gyr = gyroscope.fit(recording, stops, up, sigma / GRAVITY_M_S2)
     middles = np.array([stop.middle for stop in stops])

@@ -72,7 +72,7 @@ export class UpdateBox {
   /** @param {Probe} probe */
   draw(probe) {
     const { page, link } = this._model;
-    const { hello } = probe.status ?? {};
+    const hello = probe.status?.hello;
     const found = newerFor(hello, page.firmware ?? []);
     const phase = probe.update?.phase;
     const isBusy = phase === "running" || phase === "done";
