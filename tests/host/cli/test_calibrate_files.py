@@ -92,7 +92,7 @@ def test_few_poses_are_refused_with_the_cure(
     for ups, words in (
         (upright[:3], "only 3 poses: nothing can be said; lay the probe still"),
         ([pose.up for pose in TWELVE[:1]] * 6, "tilt would be +-"),
-        (upright[:6], "it was never upside down: turn it over"),
+        (upright[:5], "it was never upside down: turn it over"),
     ):
         path = capture(tmp_path / "few.bin", probe, lying(ups))
         code, _, err = run(capsys, path, *DRY)
