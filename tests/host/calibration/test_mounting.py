@@ -5,6 +5,7 @@ told, and taken into account by all that follows.
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -34,6 +35,7 @@ from imud.calibration.mounting import ASKED, MountFinder
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Sample
 from imud.calibration.result import CalibrationResult
+from imud.calibration.session import CalibrationSession, Subject
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import RECORDS_HZ, SCALE, Manners, Sampler, pieces
@@ -188,6 +190,18 @@ def test_who_does_not_listen_is_told_what_was_assumed() -> None:
     (done,) = [each for each in events if isinstance(each, Finished)]
     assert "imud calibrate mount finds them" in done.mount.words
     assert len([each for each in events if isinstance(each, Troubled)]) >= 1
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_mounting_that_is_ended_early_is_refused(count: int) -> None:
+    ups = [np.array(up, dtype=float) for up in ASKED[:count]]
+    day = datetime.date(2026, 11, 27)
+    session = CalibrationSession("mount", Subject(SCALE, Params(), True), day)
+    for sample in samples(module(TURNED), 3, ups):
+        session.feed(sample)
+    session.end()
+    assert session.phase == "refused"
+    assert "five poses tell" in str(session.state()["why"])
 
 
 def test_a_mounting_alone_keeps_what_is_known() -> None:

@@ -119,6 +119,13 @@ def _gyro_axes(recording: SensorRecording, fit: ModuleFit) -> str | None:
     return found
 
 
+TOO_FEW_FOR_MOUNT = CalibrationFault(
+    "too_few",
+    "five poses tell how the module is mounted",
+    "go on, or say it with --mount",
+)
+
+
 def not_as_asked(error: Exception) -> CalibrationFault:
     """The first poses tell how a module is mounted, if they are those asked for."""
     return CalibrationFault(

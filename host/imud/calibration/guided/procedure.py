@@ -121,7 +121,8 @@ class Procedure:
         """The user has had enough: what there is, is judged."""
         if self.is_over:
             return []
-        self.mount = self.mount or ASSUMED
+        if self.is_mount_alone:
+            return [self._refuse(faults.TOO_FEW_FOR_MOUNT)]
         return [self._judge(self._gatherer.recording())]
 
     def recording(self) -> SensorRecording:

@@ -46,9 +46,9 @@ class Wave:
     mag: MagFit
     heading_deg: float  # error to expect, with the tilt's part
     field_deg: float  # the magnetometer's part
-    tilt_deg: float = 0.0  # of the accelerometer
-    rest_deg_s: float = 0.0  # one-sigma error of the gyroscope's bias
-    off_m_s2: float = 0.0  # of the accelerometer, if the force shows that it is off
+    tilt_deg: float  # of the accelerometer
+    rest_deg_s: float  # one-sigma error of the gyroscope's bias
+    off_m_s2: float  # of the accelerometer, if the force shows that it is off
 
 
 def fit(
