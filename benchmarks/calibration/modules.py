@@ -51,7 +51,7 @@ OUTPUT = RESULTS / "calibration.json"
 
 MODULES = 150
 CROWD = 2000
-ROUGH = 200  # docs/calibration.md has the figures of 2,000
+ROUGH = 200
 SHOPS = 12  # modules a public recording
 CROWD_SEED = 300_000  # the first
 IMAGE_MODULES = 10  # of which the image's samples are used

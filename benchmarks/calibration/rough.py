@@ -32,10 +32,10 @@ SECONDS = 60.0
 INSIDE = 1.96  # sigmas
 SALT = 0x0FF5
 
-# Of one axis. The MPU-9250's product specification (rev. 1.1, 3.1 to 3.3) says 60 and
-# 80 mg at most for an accelerometer, 5 deg/s for a gyroscope.
+# Of one axis, at most; and of a gyroscope by the MPU-9250's product specification
+# (rev. 1.1, 3.1). Its 60 mg of an accelerometer (3.2) are those of shop().
 ACC_MAX_MG, GYR_MAX_DPS, IRON_MAX_UT, SCALE_MAX = 600.0, 20.0, 150.0, 0.05
-SHEET_MG, SHEET_DPS = 60.0, 5.0
+SHEET_DPS = 5.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,8 @@ import numpy as np
 from imud import rotation
 from imud.rotation import FloatArray
 
+MEDIAN = 1.538  # of the length of three normal variables, in their sigma
+
 
 def skew(vectors: FloatArray) -> FloatArray:
     """Matrices of shape (..., 3, 3) that multiply as `vectors` cross does."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imud.calibration.algebra import row_slopes, skew
+from imud.calibration.algebra import MEDIAN, row_slopes, skew
 from imud.calibration.recording import SensorRecording
 from imud.rotation import FloatArray
 
@@ -30,7 +30,6 @@ OWN_UT, SOFT, TURNED = 40.0, 0.05, 0.05
 LAG_S, LAG_SIGMA_S = 0.0125, 0.02
 DRIFT = math.radians(0.1)  # of the heading, rad in a second; grows with its root
 BROKEN = math.radians(30.0)  # of the heading across missing samples, rad
-MEDIAN = 1.538  # of the length of three normal variables
 OUTLIER = 3.0  # residuals beyond so many sigma count little
 GAUGE = 1e8  # how strictly the trace is held
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imud.calibration.algebra import integrated, skew
+from imud.calibration.algebra import MEDIAN, integrated, skew
 from imud.calibration.recording import IntArray
 from imud.rotation import FloatArray
 
@@ -18,6 +18,7 @@ ALIKE = AVERAGE_S / KNOT_S
 APART = 6  # knots between two means that are compared, while the frame still turns
 APART_ROUNDS, ROUNDS = 5, 10
 FAR = 3.0  # sigmas, beyond which a mean counts less
+WEIGHINGS = 4  # in each round
 
 
 def averaged(rows: FloatArray, step_s: float) -> tuple[IntArray, FloatArray]:
@@ -67,12 +68,12 @@ def _step(
         free = np.broadcast_to(np.eye(3), slopes.shape)
     rows = np.concatenate([slopes, free], axis=2)
     weights = np.ones(len(away))
-    for _ in range(4):
+    for _ in range(WEIGHINGS):
         weighted = rows * weights[:, None, None]
         normal = np.einsum("kij,kil->jl", weighted, rows)
         normal += 1e-9 * np.eye(len(normal))
         found = np.linalg.solve(normal, np.einsum("kij,ki->j", weighted, away))
         left = np.linalg.norm(away - rows @ found, axis=1)
-        sigma = max(float(np.median(left)) / 1.538, 1e-6)
+        sigma = max(float(np.median(left)) / MEDIAN, 1e-6)
         weights = 1.0 / (1.0 + (left / (FAR * sigma)) ** 2)
     return found[:3], np.linalg.inv(normal)[:3, :3] * sigma**2 * ALIKE

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -264,6 +265,25 @@ def test_a_magnet_and_a_strange_matrix_are_refused() -> None:
         for each in used()
     )
     assert worked(Learner(SCALE), swapped, b"").proposal is None
+
+
+def test_of_a_module_that_cannot_be_no_shorter_part_is_believed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A shorter part would be held sound by its priors."""
+    lengths = []
+    fit = motion.fit
+
+    def bent(recording: SensorRecording, *rest: Any) -> motion.MotionFit | None:
+        lengths.append(recording.seconds)
+        found = fit(recording, *rest)
+        assert found is not None
+        return replace(found, acc=replace(found.acc, matrix=1.3 * np.eye(3)))
+
+    monkeypatch.setattr(motion, "fit", bent)
+    learner = Learner(SCALE)
+    assert worked(learner, used(80.0), b"").proposal is None
+    assert lengths == [pytest.approx(WINDOW_S, rel=0.01)]
 
 
 def test_records_that_cannot_be_read_teach_nothing() -> None:

@@ -93,17 +93,29 @@ class Rows:
     least: float  # of their noise
     alike: float
 
+    def left(self, step: FloatArray) -> FloatArray:
+        """What a step leaves over, (k, 3)."""
+        return self.away - self.slopes @ step
+
+    def noise(self, left: FloatArray) -> float:
+        """Of an axis, by what most of the means leave over."""
+        return max(self.least, 1.2 * float(np.median(_sizes(left))))
+
     def weighted(self, step: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Both sides over their noise, of which the last step shows how much it is."""
         noise, weights = 5.0 * self.least, np.ones(len(self.away))
         if step is not None:
-            left = self.away - self.slopes @ step
-            size = np.linalg.norm(left, axis=1) / math.sqrt(3.0)
-            noise = max(self.least, 1.2 * float(np.median(size)))
-            weights = 1.0 / (1.0 + (size / (FAR * noise)) ** 2)
+            left = self.left(step)
+            noise = self.noise(left)
+            weights = 1.0 / (1.0 + (_sizes(left) / (FAR * noise)) ** 2)
         weights = np.repeat(weights, 3) / (noise * math.sqrt(self.alike))
         slopes = self.slopes.reshape(len(weights), -1)
         return slopes * weights[:, None], self.away.ravel() * weights
+
+
+def _sizes(left: FloatArray) -> FloatArray:
+    """Of an axis, of each mean (k, 3)."""
+    return np.asarray(np.linalg.norm(left, axis=1) / math.sqrt(3.0))
 
 
 @dataclass(slots=True)

@@ -34,6 +34,7 @@ from imud.calibration.stops import find_stops
 from imud.errors import ParamsError
 from imud.params.learned import METHOD, goes_on
 from imud.params.value import Calibration, Params
+from imud.rotation import FloatArray
 
 WINDOW_S = 60.0  # of the latest samples
 LEAST_S = 20.0
@@ -133,7 +134,7 @@ class Learner:
         self.rest = learned.rest or self.rest
         while self.samples and self.samples[0].t_us < learned.since_us:
             self.samples.popleft()
-        has_news = learned.proposal is not None or self.rest is None
+        has_news = learned.proposal is not None
         self._every_s = EVERY_S if has_news else min(GROWTH * self._every_s, SELDOM_S)
 
 
@@ -153,20 +154,18 @@ def learned_of(work: Work) -> Learned:
     calibrated, known = _calibrated(recording, base, scale), known_of(base)
     gyr, at = affine_of(base.gyr, scale.gyr_rad_s), rest
     if at is None:
-        rate, sigma = rate_bias.of_motion(
-            calibrated.gyr, calibrated.acc, recording.step_s
-        )
+        at, sigma = _rest_in_motion(calibrated, gyr, begin_us)
         if sigma > REST_MAX_RAD_S:
             return Learned(None, None)
-        x, y, z = map(float, np.linalg.solve(gyr.matrix, rate) + gyr.bias)
-        middle_s = recording.seconds / 2.0
-        at = RestRate(begin_us + 1e6 * middle_s, (x, y, z))
         known = replace(known, rest_rad_s=max(sigma, known.rest_rad_s))
     rate = gyr.apply(np.array(at.rate))
     rest_step = (at.t_us - begin_us) / 1e6 / recording.step_s
     made = {"temperature_c": recording.temperature_c, "method": METHOD}
     for start in _starts(calibrated):
         found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
+        if found is not None and not _is_module(found):
+            # No shorter part is to be believed: its priors alone would make it sound.
+            return Learned(None, rest)
         if found is None or not _is_sound(found) or not _is_better(found, before):
             continue
         proposal = _proposal(found, base, before, scale, made)
@@ -186,6 +185,17 @@ def _rest_of(recording: SensorRecording, begin_us: int) -> RestRate | None:
     x, y, z = (float(value) for value in rates.mean(axis=0))
     middle = float(np.mean([stop.middle for stop in stops]))
     return RestRate(begin_us + middle * recording.step_s * 1e6, (x, y, z))
+
+
+def _rest_in_motion(
+    calibrated: SensorRecording, gyr: Affine, begin_us: int
+) -> tuple[RestRate, float]:
+    """What the rates would be at rest, of a recording that never rested, and the
+    one-sigma error of that, rad/s. `gyr`: what it was calibrated with.
+    """
+    rate, sigma = rate_bias.of_motion(calibrated.gyr, calibrated.acc, calibrated.step_s)
+    x, y, z = map(float, np.linalg.solve(gyr.matrix, rate) + gyr.bias)
+    return RestRate(begin_us + 5e5 * calibrated.seconds, (x, y, z)), sigma
 
 
 def _starts(recording: SensorRecording) -> list[int]:
@@ -229,11 +239,21 @@ def known_of(params: Params) -> Priors:
     return known
 
 
-def _is_sound(found: MotionFit) -> bool:
-    matrices = np.stack([found.acc.matrix, found.gyr.matrix, found.mag.matrix])
-    is_near = float(np.abs(matrices - np.eye(3)).max()) < AWAY_MAX
+def _is_module(found: MotionFit) -> bool:
+    """Whether accelerometer and gyroscope are such as modules have."""
     is_usual = float(np.abs(found.acc.bias).max()) < ACC_BIAS_MAX_M_S2
-    return is_near and is_usual and of_magnets(found.mag) is None
+    return is_usual and _is_near(found.acc.matrix) and _is_near(found.gyr.matrix)
+
+
+def _is_sound(found: MotionFit) -> bool:
+    """Whether the magnetometer is, too: a magnet that was put on spoils it until the
+    readings from before are left out.
+    """
+    return _is_near(found.mag.matrix) and of_magnets(found.mag) is None
+
+
+def _is_near(matrix: FloatArray) -> bool:
+    return float(np.abs(matrix - np.eye(3)).max()) < AWAY_MAX
 
 
 def _is_better(found: MotionFit, before: Params) -> bool:

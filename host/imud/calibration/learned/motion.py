@@ -20,7 +20,7 @@ import numpy as np
 
 from imud.calibration.accelerometer import BAD, AccFit
 from imud.calibration.affine import Affine
-from imud.calibration.algebra import row_slopes, symmetric
+from imud.calibration.algebra import MEDIAN, row_slopes, symmetric
 from imud.calibration.learned.equations import (
     ACC_BIAS,
     ACC_MATRIX,
@@ -44,7 +44,7 @@ from imud.calibration.learned.equations import (
     MotionEquations,
     Rows,
 )
-from imud.calibration.magnetometer import MEDIAN, MagFit
+from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import SensorRecording
 from imud.calibration.score import ATTITUDES, TILT_TO_HEADING, tilt_errors
 from imud.rotation import FloatArray
@@ -232,9 +232,8 @@ def _excess(rows: Rows, motion: MotionEquations) -> float:
     where a part of them fits badly, as after a magnet was put on, the fit is not to be
     trusted as far as its covariance says.
     """
-    left = np.linalg.norm(rows.away - rows.slopes @ motion.step, axis=1)
-    usual = max(rows.least, 1.2 * float(np.median(left)) / math.sqrt(3.0))
-    return max(1.0, math.sqrt(float((left**2).mean()) / 3.0) / usual)
+    left = rows.left(motion.step)
+    return max(1.0, math.sqrt(float((left**2).mean())) / rows.noise(left))
 
 
 def _lasting(readings: Rows, motion: MotionEquations) -> float:
@@ -242,7 +241,7 @@ def _lasting(readings: Rows, motion: MotionEquations) -> float:
     alike for longer than FIELD_ALIKE says, 1 at least: in the frame, where a room is
     uneven, or in the body, after a magnet was put on.
     """
-    left = readings.away - readings.slopes @ motion.step
+    left = readings.left(motion.step)
     block = round(BLOCK_S / FIELD_S)
     count = len(left) // block
     if count < 2:
