@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import signal
 import sys
-import threading
 import time
 from typing import Any, BinaryIO, Protocol
 
@@ -48,7 +47,6 @@ class PageDesk:
 
     def __init__(self, lines: BinaryIO, out: BinaryIO) -> None:
         self._lines, self._out = lines, out
-        self._lock = threading.Lock()
 
     def statuses(self, probe: str | None = None) -> list[dict[str, Any]]:
         status = self._ask("status")
@@ -70,7 +68,7 @@ class PageDesk:
         return self.command(probe, "params", records=records.hex())
 
     def tell(self, **fields: Any) -> None:
-        with self._lock, contextlib.suppress(OSError):  # it may have ended: written on
+        with contextlib.suppress(OSError):  # it may have ended: written on
             self._out.write(msgspec.json.encode(fields) + b"\n")
             self._out.flush()
 

@@ -37,9 +37,9 @@ from imud.web.users import KeyUsers, Users
 
 # Names of sinks.
 ROS2, PAGE, FOXGLOVE, OPENIGTLINK = "ros2", "web", "foxglove", "openigtlink"
+BESIDE = (PAGE, FOXGLOVE, OPENIGTLINK)
 
 logger = logging.getLogger("imud")
-BESIDE = (PAGE, FOXGLOVE, OPENIGTLINK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +154,8 @@ class Outputs:
     ) -> PageSink:
         keys, origins = config.zenoh.keys, config.web.origins
         users: Users | None = KeyUsers(Path(keys)) if keys else None
+        # Once, and not with each try at a port that is taken.
+        offered = offered_firmware()
         self._page_sink = PageSink(
             lambda: Page(
                 address,
@@ -161,7 +163,7 @@ class Outputs:
                 users=users,
                 logs=logs,
                 ports=LocalPorts(config.ports),
-                firmware=offered_firmware(),
+                firmware=offered,
                 origins=origins,
                 on_notice=self._on_notice,
             )

@@ -36,7 +36,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class GuideError(Exception):
-    """A calibration can't go on: why."""
+    """A calibration can't go on, or a command was refused: why."""
 
 
 class CalibrationGuide:

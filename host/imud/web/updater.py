@@ -7,7 +7,6 @@ daemon, which asks for what it needs on stdout. How it does is told on the topic
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -15,14 +14,10 @@ import msgspec
 from imud.flash.firmware import Firmware
 from imud.web import processes
 from imud.web.feed import UPDATE, Feed
+from imud.web.guide import Ask, GuideError, Tell
 
 SAID_MAX = 40  # lines that are told
 TICK_S = 0.1
-
-# Has a command carried out: probe, command, parameters; an error if it is refused.
-Ask = Callable[[str, str, Mapping[str, str]], Awaitable[Any]]
-# Gets how the update of a probe does, as a line of JSON.
-Tell = Callable[[str, bytes], None]
 
 _encode = msgspec.json.Encoder().encode
 
@@ -104,7 +99,7 @@ class FirmwareUpdate:
             return {"value": msgspec.Raw(payload) if payload is not None else None}
         try:
             found = await self._ask(self._probe, message.command, message.parameters)
-        except Exception as error:  # noqa: BLE001 - which is the asker's to judge
+        except GuideError as error:
             return {"error": str(error)}
         return {"value": msgspec.Raw(found)}
 
@@ -131,7 +126,9 @@ class Updates:
         self._all: dict[str, FirmwareUpdate] = {}
 
     def begin(self, probe: str) -> None:
-        """Begins one; UpdateError if there is one of that probe."""
+        """Begins one; UpdateError if there is one of that probe, or no such probe."""
+        if self._feed.known((probe, "status")) is None:
+            raise UpdateError(f"no probe {probe} was heard")
         before = self._all.get(probe)
         if before is not None and not before.is_over:
             raise UpdateError("this probe is being updated")
