@@ -98,11 +98,13 @@ def unit_of(sensor: str, text: str) -> float:
 
 def vector(table: ForeignTable, told: ForeignMap, sensor: str) -> FloatArray:
     """The readings of a sensor in the body frame, in SI units and uT, shape (n, 3)."""
+    return told.units[sensor] * _readings(table, told, sensor)
+
+
+def _readings(table: ForeignTable, told: ForeignMap, sensor: str) -> FloatArray:
+    """The same in the table's unit."""
     rows = np.stack([table.columns[name] for name in told.columns[sensor]], axis=1)
-    return _along(rows * told.units[sensor], told.axes.get(sensor, "x,y,z"), sensor)
-
-
-def _along(rows: FloatArray, axes: str, sensor: str) -> FloatArray:
+    axes = told.axes.get(sensor, "x,y,z")
     parts = [part.strip() for part in axes.split(",")]
     names = [part.lstrip("+-") for part in parts]
     if sorted(names) != ["x", "y", "z"]:
@@ -223,7 +225,7 @@ def _guess(told: ForeignMap, sensor: str, unit: str, factor: float) -> None:
 def _find_acc(table: ForeignTable, told: ForeignMap) -> None:
     if "acc" in told.units or _named_unit("acc", told.columns["acc"][0], told):
         return
-    rows = np.stack([table.columns[name] for name in told.columns["acc"]], axis=1)
+    rows = _readings(table, told, "acc")
     size = float(np.nanmedian(np.linalg.norm(rows, axis=1)))
     for unit, factor in (UNITS["acc"] | COUNTS["acc"]).items():
         if abs(size * factor / 9.80665 - 1.0) < GRAVITY_NEAR:
@@ -240,7 +242,7 @@ def _find_mag(table: ForeignTable, told: ForeignMap) -> None:
         return
     if _named_unit("mag", told.columns["mag"][0], told):
         return
-    rows = np.stack([table.columns[name] for name in told.columns["mag"]], axis=1)
+    rows = _readings(table, told, "mag")
     rows = rows[np.isfinite(rows).all(axis=1)]
     middle = (rows.max(axis=0) + rows.min(axis=0)) / 2.0 if len(rows) else 0.0
     # The probe's own field moves the middle; what turns about it is the Earth's.
@@ -261,8 +263,7 @@ def _find_gyr(table: ForeignTable, told: ForeignMap) -> None:
     if "gyr" in told.units or _named_unit("gyr", told.columns["gyr"][0], told):
         return
     acc = vector(table, told, "acc")
-    rows = np.stack([table.columns[name] for name in told.columns["gyr"]], axis=1)
-    rows = _along(rows, told.axes.get("gyr", "x,y,z"), "gyr")
+    rows = _readings(table, told, "gyr")
     factor = seen_turning(acc, rows, times_s(table, told))
     for unit, one in (UNITS["gyr"] | COUNTS["gyr"]).items():
         if factor is not None and abs(math.log(one / factor)) < math.log(1.5):

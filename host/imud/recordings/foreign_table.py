@@ -24,6 +24,8 @@ TEXTS = (".csv", ".tsv", ".txt", ".dat")
 KINDS = (*TEXTS, ".npz", ".parquet", ".bag", ".db3")
 BAG = "metadata.yaml"  # in the folder of a bag of ROS 2
 
+IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
+
 LINE_MAX = 65536  # characters of a line of text
 # Bytes that a packed file may become, and times its own size besides.
 UNPACKED_MAX, UNPACKED_TIMES = 64_000_000, 16
@@ -207,16 +209,13 @@ def _bag(path: Path) -> ForeignTable:
         raise FileError(f"{path}: pip install imu-probe[rosbag2] reads it") from error
     try:
         with AnyReader([path]) as reader:
-            imu = _only(path, reader, "sensor_msgs/msg/Imu")
-            mag = _only(path, reader, "sensor_msgs/msg/MagneticField")
+            wanted = [*_only(path, reader, IMU), *_only(path, reader, FIELD)]
             moved, fields = [], []
-            for connection, _, raw in reader.messages(
-                connections=[each for each in (imu, mag) if each is not None]
-            ):
+            for connection, _, raw in reader.messages(connections=wanted):
                 message: Any = reader.deserialize(raw, connection.msgtype)
                 stamp = message.header.stamp
                 t_s = stamp.sec + stamp.nanosec * 1e-9
-                if connection is imu or connection.topic == getattr(imu, "topic", ""):
+                if connection.msgtype == IMU:
                     acc, gyr = message.linear_acceleration, message.angular_velocity
                     moved.append((t_s, acc.x, acc.y, acc.z, gyr.x, gyr.y, gyr.z))
                 else:
@@ -229,12 +228,13 @@ def _bag(path: Path) -> ForeignTable:
     return ForeignTable(_beside(np.array(moved), np.array(fields)), is_known=True)
 
 
-def _only(path: Path, reader: Any, kind: str) -> Any:
+def _only(path: Path, reader: Any, kind: str) -> list[Any]:
+    """The connections of the one topic of a kind, or none."""
     found = [each for each in reader.connections if each.msgtype == kind]
     if len({each.topic for each in found}) > 1:
         topics = ", ".join(sorted({each.topic for each in found}))
         raise FileError(f"{path} has several topics of {kind}: {topics}")
-    return found[0] if found else None
+    return found
 
 
 def _beside(moved: FloatArray, fields: FloatArray) -> dict[str, FloatArray]:
