@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from ipaddress import ip_address
+from ipaddress import ip_address, ip_network
 
 # Links that don't leave the machine, whatever their address.
 _LOCAL_LINKS = frozenset({"unixsock-stream", "unixpipe", "serial"})
@@ -48,3 +48,14 @@ def host_and_port(text: str) -> tuple[str, int] | None:
     if match is None or int(match[3]) > 0xFFFF:
         return None
     return match[1] or match[2], int(match[3])
+
+
+def network_of(host: str) -> str:
+    """An address of IPv4, or the network of one of IPv6, of which each has a /64."""
+    try:
+        address = ip_address(host.partition("%")[0])
+    except ValueError:
+        return host
+    if address.version == 6 and (mapped := address.ipv4_mapped) is None:
+        return str(ip_network((address, 64), strict=False))
+    return str(address if address.version == 4 else mapped)

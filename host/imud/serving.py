@@ -15,6 +15,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 from imud.errors import ListenFailed, described
+from imud.throttle import Listening, Throttle
 
 # A fault in a loop is told so often at most.
 TELL_S = 60.0
@@ -26,15 +27,19 @@ Serve = Callable[[socket.socket], AbstractAsyncContextManager[object]]
 
 
 def listen(
-    address: tuple[str, int], what: str, setting: str, backlog: int = 1
-) -> socket.socket:
+    address: tuple[str, int],
+    what: str,
+    setting: str,
+    backlog: int = 1,
+    throttle: Throttle | None = None,
+) -> Listening:
     """A socket that listens on that host and port; port 0: the system chooses one.
     ListenFailed says what can't be served there, and which setting to change.
     """
     host, port = address
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family, backlog=backlog)
+        made = socket.create_server((host, port), family=family, backlog=backlog)
     except (OSError, UnicodeError) as error:
         # The system's numbers are above 0, those of names that are not found below.
         number = getattr(error, "errno", None) or 0
@@ -43,6 +48,9 @@ def listen(
             f"can't serve {what} on {host}:{port}: {reason}; name another address "
             f"with {setting}"
         ) from error
+    listening = Listening(fileno=made.detach())
+    listening.throttle = throttle
+    return listening
 
 
 class Faults:

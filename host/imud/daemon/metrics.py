@@ -20,6 +20,7 @@ import msgspec
 from imud.endpoint import host_of, is_loopback
 from imud.machine import system
 from imud.serving import ServerThread, listen
+from imud.throttle import Rate, Throttle
 from imud.version import version
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -28,6 +29,8 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 HEAD_MAX = 8192
 REQUEST_S = 2.0
 CLIENTS_MAX = 16
+# Prometheus asks every 5 to 60 s.
+RATE = Rate(at_once=30, a_second=5.0)
 
 # Counters, since the daemon or the probe started; everything else is a gauge.
 _COUNTED = re.compile(
@@ -157,8 +160,9 @@ class MetricsServer:
 
     def start(self) -> None:
         """Listens, then serves in a thread; ListenFailed where that is not possible."""
+        throttle = Throttle(RATE, lambda _: self.refused.update(("rate",)))
         self._thread.start(
-            listen(self._address, "metrics", "[metrics] listen", CLIENTS_MAX)
+            listen(self._address, "metrics", "[metrics] listen", CLIENTS_MAX, throttle)
         )
 
     def update(self, status: Mapping[str, Any]) -> None:

@@ -11,13 +11,20 @@ import asyncio
 import contextlib
 import logging
 import socket
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterable
 from typing import cast
 
 from imud.serving import ServerThread, listen
+from imud.throttle import Rate, Throttle
 
 CLIENTS_MAX = 16
 TELL_EVERY = 1000  # refused clients
+RATE = Rate(at_once=64, a_second=5.0)  # a client stays
+REASONS = {
+    "clients": f"there are {CLIENTS_MAX}",
+    "rate": f"more than {RATE.a_second:.0f} a second from its address",
+}
 
 # Of each client: with the system's own buffers, a client that is too slow would lag
 # behind by minutes. Half a second of a probe's messages at 200 Hz.
@@ -34,7 +41,7 @@ class Server:
     def __init__(self, address: tuple[str, int]) -> None:
         self._address = address
         self._clients: set[_Client] = set()
-        self.refused = 0  # clients beyond CLIENTS_MAX
+        self.refused = Counter[str]()  # by reason
         self._thread = ServerThread("imud-igtl", self._serve)
 
     @property
@@ -49,8 +56,12 @@ class Server:
 
     def start(self) -> None:
         """Listens, then serves in a thread; ListenFailed where that is not possible."""
+        throttle = Throttle(RATE, lambda _: self._refuse("rate"))
         self._thread.start(
-            listen(self._address, "OpenIGTLink", "[openigtlink] listen", CLIENTS_MAX)
+            listen(
+                *(self._address, "OpenIGTLink", "[openigtlink] listen"),
+                *(CLIENTS_MAX, throttle),
+            )
         )
 
     def send(self, messages: Iterable[Named]) -> None:
@@ -61,12 +72,13 @@ class Server:
     def close(self) -> None:
         self._thread.close()
 
-    def _refuse(self) -> None:
-        self.refused += 1
-        if self.refused == 1 or self.refused % TELL_EVERY == 0:
+    def _refuse(self, reason: str) -> None:
+        self.refused[reason] += 1
+        count = self.refused[reason]
+        if count == 1 or count % TELL_EVERY == 0:
             logger.warning(
-                "OpenIGTLink: a client was refused: there are %d (%d so far)",
-                *(CLIENTS_MAX, self.refused),
+                "OpenIGTLink: a client was refused: %s (%d so far)",
+                *(REASONS[reason], count),
             )
 
     def _deliver(self, messages: Iterable[Named]) -> None:
@@ -88,7 +100,7 @@ class Server:
 class _Client(asyncio.Protocol):
     """One connection; all of it runs in the server's thread."""
 
-    def __init__(self, clients: set[_Client], refuse: Callable[[], None]) -> None:
+    def __init__(self, clients: set[_Client], refuse: Callable[[str], None]) -> None:
         self._clients = clients
         self._refuse = refuse
         self._transport: asyncio.Transport | None = None
@@ -99,7 +111,7 @@ class _Client(asyncio.Protocol):
         self._transport = cast(asyncio.Transport, transport)
         if len(self._clients) >= CLIENTS_MAX:
             self._transport.abort()
-            self._refuse()
+            self._refuse("clients")
             return
         own: socket.socket = transport.get_extra_info("socket")
         own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)

@@ -21,8 +21,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import cast
 
+from imud.endpoint import network_of
 from imud.machine import system
-from imud.net.strangers import DATA, RECORD_MAX, Address, Records, name_of
+from imud.net.strangers import DATA, RECORD_MAX, Address, Records
 
 # Connections of all addresses; of those, unfinished ones: of all, of one address.
 LINKS_MAX = 512
@@ -62,7 +63,7 @@ class Guard:
         self._second = self._lines = self._untold = 0
 
     def address(self, host: str) -> Address:
-        name = name_of(host)
+        name = network_of(host)
         found = self._addresses.get(name)
         if found is None:
             while len(self._addresses) >= ADDRESSES_MAX:

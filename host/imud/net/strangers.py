@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from ipaddress import ip_address, ip_network
 
 # After so many failures in a row an address waits, each time twice as long; less, if
 # somebody there once ended a handshake.
@@ -67,14 +66,3 @@ class Records:
                     return False
                 self.head = b""
         return True
-
-
-def name_of(host: str) -> str:
-    """An address of IPv4, or the network of one of IPv6, of which each has a /64."""
-    try:
-        address = ip_address(host.partition("%")[0])
-    except ValueError:
-        return host
-    if address.version == 6 and (mapped := address.ipv4_mapped) is None:
-        return str(ip_network((address, 64), strict=False))
-    return str(address if address.version == 4 else mapped)

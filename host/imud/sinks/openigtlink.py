@@ -162,7 +162,7 @@ class OpenIgtLinkSink:
 
     @property
     def refused(self) -> Mapping[str, int]:
-        return {"clients": self._server.refused} if self._server is not None else {}
+        return self._server.refused if self._server is not None else {}
 
     def flush(self) -> None:
         """Nothing to do: the server sends by itself."""

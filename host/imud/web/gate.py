@@ -11,6 +11,8 @@ from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 
+from imud.throttle import Rate
+
 # Gets lines for the journal: the kind, the text, whether it is a warning.
 OnNotice = Callable[[object, str, bool], None]
 
@@ -18,11 +20,16 @@ OnNotice = Callable[[object, str, bool], None]
 CONNECTIONS_MAX = 128
 BROWSERS_MAX = 64
 
+# The page has 75 files, and each is a connection: ten browsers may come at once. With
+# 400 a second the daemon took 82 % of a core (benchmarks/host/attacks.py).
+RATE = Rate(at_once=750, a_second=50.0)
+
 REASONS = {
     "host": "the page was asked for by a name that is not this machine's",
     "origin": "a page of another site wants to connect",
     "path": "there is no such file",
     "connections": f"there are {CONNECTIONS_MAX} connections",
+    "rate": f"more than {RATE.a_second:.0f} connections a second from its address",
     "browsers": f"there are {BROWSERS_MAX} browsers",
     "unreadable": "what it sent is no HTTP request of a browser",
     "oversized": "its message was too long",
@@ -49,9 +56,14 @@ class Gate:
 
     def refuse(self, reason: str, connection: ServerConnection) -> None:
         """Counts a refusal, and tells the journal."""
-        self.refused[reason] += 1
         address = connection.remote_address
-        client = f"{address[0]}:{address[1]}" if address else "somebody"
+        self.refuse_peer(
+            reason, f"{address[0]}:{address[1]}" if address else "somebody"
+        )
+
+    def refuse_peer(self, reason: str, client: str) -> None:
+        """The same for somebody whose connection was not taken."""
+        self.refused[reason] += 1
         text = f"page: {client} was refused: {REASONS[reason]}"
         self._on_notice(("page", reason), text, True)
 

@@ -23,6 +23,7 @@ from websockets.http11 import Request, Response
 
 from imud.flash.firmware import Firmware
 from imud.serving import ServerThread, faults, listen
+from imud.throttle import Throttle
 from imud.version import version
 from imud.web import doors, gate
 from imud.web.browser import Browser
@@ -111,10 +112,11 @@ class Page:
 
     def start(self) -> None:
         """Listens, then serves in a thread; ListenFailed where that is not possible."""
+        throttle = Throttle(gate.RATE, partial(self._gate.refuse_peer, "rate"))
         self._thread.start(
             listen(
                 *(self._address, "the page", "--page or [web] listen"),
-                gate.CONNECTIONS_MAX,
+                *(gate.CONNECTIONS_MAX, throttle),
             )
         )
 

@@ -15,8 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from prometheus_client.parser import text_string_to_metric_families
 
+from imud.daemon import metrics
 from imud.daemon.metrics import HEAD_MAX, DaemonCounts, MetricsServer, text_of
 from imud.errors import ListenFailed
+from imud.throttle import Rate
 from length import examples
 
 STATUS: dict[str, Any] = {
@@ -98,18 +100,21 @@ def test_counts_are_counters_and_states_are_gauges() -> None:
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[MetricsServer]:
-    metrics = MetricsServer(("127.0.0.1", 0))
-    metrics.start()
-    metrics.update(STATUS)
+    served = MetricsServer(("127.0.0.1", 0))
+    with pytest.MonkeyPatch.context() as patch:
+        # These tests ask oftener than any Prometheus: tests/host/test_throttle.py.
+        patch.setattr(metrics, "RATE", Rate(at_once=10_000, a_second=1000.0))
+        served.start()
+    served.update(STATUS)
     try:
-        yield metrics
+        yield served
     finally:
-        metrics.close()
+        served.close()
 
 
-def ask(metrics: MetricsServer, data: bytes) -> bytes:
+def ask(server: MetricsServer, data: bytes) -> bytes:
     """All that the server says to these bytes, after which nothing more comes."""
-    with socket.create_connection(("127.0.0.1", metrics.port), 10) as end:
+    with socket.create_connection(("127.0.0.1", server.port), 10) as end:
         try:
             end.sendall(data)
             end.shutdown(socket.SHUT_WR)
@@ -121,8 +126,8 @@ def ask(metrics: MetricsServer, data: bytes) -> bytes:
     return answer
 
 
-def assert_serves(metrics: MetricsServer) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", metrics.port, timeout=10)
+def assert_serves(server: MetricsServer) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
     connection.request("GET", "/metrics")
     response = connection.getresponse()
     assert response.status == 200

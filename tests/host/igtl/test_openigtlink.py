@@ -278,7 +278,7 @@ def test_there_may_be_only_so_many_clients(caplog: pytest.LogCaptureFixture) -> 
         late = stack.enter_context(connected(address, PATIENCE_S))
         with pytest.raises((EOFError, ConnectionError)):
             late.hear()
-        until(lambda: server.refused == 1)
+        until(lambda: server.refused["clients"] == 1)
     server.close()
     assert "a client was refused: there are 16" in caplog.text
 

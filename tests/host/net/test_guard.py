@@ -16,7 +16,7 @@ import pytest
 from fakes import PATIENCE_S
 from guarded import Guarded
 from imud.client import Client
-from imud.endpoint import host_and_port
+from imud.endpoint import host_and_port, network_of
 from imud.net.guard import UNFINISHED_OF_ONE
 from imud.net.strangers import (
     FAILURES,
@@ -24,7 +24,6 @@ from imud.net.strangers import (
     WAIT_MAX_S,
     Address,
     Records,
-    name_of,
 )
 
 IDLE = 200
@@ -125,7 +124,7 @@ def test_an_address_that_fails_again_and_again_waits_longer_and_longer() -> None
 
 
 def test_a_network_of_ipv6_counts_as_one_address() -> None:
-    assert name_of("2001:db8::1") == name_of("2001:db8::ffff:2")
-    assert name_of("2001:db8:0:1::1") != name_of("2001:db8::1")
-    assert name_of("::ffff:192.0.2.1") == name_of("192.0.2.1")
-    assert name_of("fe80::1%eth0") == name_of("fe80::2")
+    assert network_of("2001:db8::1") == network_of("2001:db8::ffff:2")
+    assert network_of("2001:db8:0:1::1") != network_of("2001:db8::1")
+    assert network_of("::ffff:192.0.2.1") == network_of("192.0.2.1")
+    assert network_of("fe80::1%eth0") == network_of("fe80::2")
