@@ -24,6 +24,7 @@ from typing import cast
 from imud.endpoint import network_of
 from imud.machine import system
 from imud.net.strangers import DATA, RECORD_MAX, Address, Records
+from imud.throttle import Listening, Rate, Throttle
 
 # Connections of all addresses; of those, unfinished ones: of all, of one address.
 LINKS_MAX = 512
@@ -46,6 +47,10 @@ ALERT_MAX = 64
 LINES_MAX = 20
 
 ADDRESSES_MAX = 4096
+
+# Whoever connects more often is refused before anything is kept of it: poses go through
+# this process, too.
+RATE = Rate(at_once=128, a_second=20.0)
 
 # Lines to the parent: what, and whom it is about.
 CAME, REFUSED = "came", "refused"
@@ -91,6 +96,9 @@ class Guard:
             self._lines += 1
             self.say(REFUSED, str(self._untold), peer, why)
             self._untold = 0
+
+    def refuse_often(self, now: Callable[[], float], peer: str) -> None:
+        self.refuse(now(), peer, "too often")
 
     def say(self, what: str, *words: str) -> None:
         """To the parent. A line for which its pipe has no room is left out."""
@@ -267,10 +275,13 @@ class Inner(asyncio.Protocol):
         self._outer.end()
 
 
-async def _serve(inner: int, listening: list[socket.socket]) -> None:
+async def _serve(inner: int, listening: list[Listening]) -> None:
     """Until stdin ends: the parent is gone."""
     loop = asyncio.get_running_loop()
     guard = Guard(("127.0.0.1", inner), sys.stdout.fileno())
+    throttle = Throttle(RATE, partial(guard.refuse_often, loop.time))
+    for each in listening:
+        each.throttle = throttle
     servers = [
         await loop.create_server(lambda: Outer(guard), sock=each) for each in listening
     ]
@@ -288,7 +299,7 @@ def main(arguments: list[str]) -> None:
     """`arguments`: Zenoh's own port, and the descriptors of the sockets to guard."""
     system.raise_files_limit()
     inner, *descriptors = map(int, arguments)
-    asyncio.run(_serve(inner, [socket.socket(fileno=each) for each in descriptors]))
+    asyncio.run(_serve(inner, [Listening(fileno=each) for each in descriptors]))
 
 
 if __name__ == "__main__":
