@@ -6,7 +6,7 @@ about any axes, moved by hand, and what probes on them measure 40 times a second
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ HAND = ("hinge", "universal", "hinge", "free")
 LENGTH_M = 0.2
 STILL_S = 5.0
 EVERY = 25  # records of RATE_HZ in one at 40 Hz
+UPRIGHT_OFF = 0.06  # of an axis that points up, rad
 LOOSE_DEG = 3.0  # rms of an axis, of a probe on foam
 
 
@@ -45,8 +46,13 @@ def made(
     seconds: float = 60.0,
     *,
     is_loose: bool = False,
+    is_upright: bool = False,
+    own_ut: float = 0.0,
 ) -> Made:
-    """A chain, always the same for the same seed; it rests STILL_S at the start."""
+    """A chain, always the same for the same seed; it rests STILL_S at the start. With
+    `is_upright` the axes of its hinges then point up, within some degrees. `own_ut`:
+    of each probe's own field, which no calibration knows.
+    """
     random = np.random.default_rng([seed, 0xC4A1])
     t = np.arange(round((STILL_S + seconds) * RATE_HZ)) / RATE_HZ
     moves = STEP(np.clip((t - STILL_S) / 1.5, 0.0, 1.0))
@@ -68,7 +74,8 @@ def made(
     for name, joint in zip(NAMES, ("", *joints), strict=True):
         if joint:
             place = place + rotation.rotate(quat, np.array([0.0, -LENGTH_M, 0.0]))
-            bend = _bends(joint, t, random)
+            up = rotation.rotate(rotation.inverse(quat[0]), np.array([0.0, 0.0, 1.0]))
+            bend = _bends(joint, t, random, up if is_upright else None)
             still = _turned(random.normal(0.0, 0.5, 3))
             quat = rotation.multiply(
                 quat, rotation.multiply(_eased(bend, moves), still)
@@ -84,6 +91,9 @@ def made(
             body, np.array([0.0, -0.1, 0.0]) + random.normal(0.0, 0.02, 3)
         )
         motion = felt(rotation.multiply(body, mount), at, world, moves > 0.0, random)
+        if own_ut:
+            own = own_ut * _unit(random)
+            motion = replace(motion, mag=motion.mag + own)
         motions[name], quats[name] = at_40_hz(motion), quat[EVERY // 2 :: EVERY]
     count = min(len(motions["one"]), len(quats["one"]))
     quats = {name: each[:count] for name, each in quats.items()}
@@ -121,11 +131,18 @@ def _waves(
     return np.asarray(waves.sum(axis=0))
 
 
-def _bends(joint: str, t: FloatArray, random: np.random.Generator) -> FloatArray:
-    """Rotation vectors of a joint over time, (k, n, 3): turns in this order."""
+def _bends(
+    joint: str, t: FloatArray, random: np.random.Generator, up: FloatArray | None
+) -> FloatArray:
+    """Rotation vectors of a joint over time, (k, n, 3): turns in this order; `up`: what
+    the first axis is near, in the parent's frame.
+    """
     if joint == "free":
         return _waves(t, random, 3, 0.5)[None]
     first = _unit(random)
+    if up is not None:
+        first = up + UPRIGHT_OFF * first
+        first /= np.linalg.norm(first)
     turns = [_waves(t, random, 1, 0.6) * first]
     if joint == "universal":
         across = np.cross(first, _unit(random))

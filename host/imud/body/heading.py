@@ -44,9 +44,11 @@ class Sight:
     lasts_s: float
 
 
-def magnetic(sigmas: FloatArray) -> Sight:
-    """The headings that both probes state, (n, 2) rad, NaN without reference."""
-    own = np.minimum(np.hypot(*sigmas.T), UNKNOWN)
+def magnetic(sigmas: FloatArray, apart: float) -> Sight:
+    """The headings that both probes state, (n, 2) rad, NaN without reference; `apart`:
+    by how much the north of both places differs, rad rms.
+    """
+    own = np.minimum(np.hypot(np.hypot(*sigmas.T), apart), UNKNOWN)
     return Sight(np.zeros((len(own), 1)), own**2, MAGNETIC_S)
 
 

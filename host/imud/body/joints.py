@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imud import rotation
-from imud.body import heading, hinge
+from imud.body import heading, hinge, tracks
 from imud.body.chain import Joint
 from imud.body.heading import BoolArray, Sight
 from imud.body.hinge import AlignmentRefused
@@ -54,7 +54,7 @@ class JointModel:
     def sights(self, parent: Track, child: Track) -> list[Sight]:
         """What both probes show of the heading between them."""
         stated = np.stack([parent.heading_sigma, child.heading_sigma], axis=1)
-        found = [heading.magnetic(stated)]
+        found = [heading.magnetic(stated, INDOORS if self.joint.freedom else 0.0)]
         if self.axes is not None:
             first, second = (
                 rotation.rotate(track.quat, axis)
@@ -80,7 +80,7 @@ class JointModel:
         turns, sigmas = self.turns(parent, child)
         step = heading.HeadingFilter(
             float(np.nanmean(turns[rows])),
-            float(np.nanmean(sigmas[rows])) ** 2 + INDOORS**2,
+            float(np.nanmean(sigmas[rows])) ** 2,
         )
         for sight in self.sights(parent, child)[1:]:
             seen, variance = sight.turns[rows], sight.variance[rows]
@@ -89,18 +89,23 @@ class JointModel:
                 mean = np.angle(np.exp(1j * seen[good]).mean(axis=0))
                 step.update(0.0, [(mean.tolist(), float(variance[good].mean()), 0.0)])
                 step.last_s = None
-        return step.turn, step.sigma
+        # A loose probe does not rest where it is in the mean.
+        return step.turn, math.hypot(step.sigma, self.play / 2.0)
 
     def turns(self, parent: Track, child: Track) -> tuple[FloatArray, FloatArray]:
         """The child's heading by all of a recording, and its sigma, rad, (n,)."""
         is_there = np.isfinite(parent.quat[:, 0]) & np.isfinite(child.quat[:, 0])
+        # What both filters slid is known, and no error of the heading between them.
+        slid = tracks.slides(child) - tracks.slides(parent)
+        sights = [
+            replace(each, turns=each.turns + slid[:, None])
+            for each in self.sights(parent, child)
+        ]
         found = heading.follow(
-            heading.HeadingFilter(),
-            parent.times_s,
-            is_there,
-            self.sights(parent, child),
+            heading.HeadingFilter(), parent.times_s, is_there, sights
         )
-        return heading.smoothed(parent.times_s, *found)
+        turns, sigmas = heading.smoothed(parent.times_s, *found)
+        return turns - slid, sigmas
 
 
 def learn(joint: Joint, parent: Track, child: Track) -> JointModel:

@@ -17,7 +17,7 @@ from imud import rotation
 from imud.body import hinge
 from imud.body.chain import Chain
 from imud.body.hinge import AlignmentRefused, HingeAxis
-from imud.body.tracks import Track, leaning
+from imud.body.tracks import Track, turning
 from imud.rotation import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -133,7 +133,7 @@ def _stood(name: str, track: Track) -> tuple[FloatArray, float]:
     times, quat = track.times_s[good], track.quat[good]
     if len(times) < 2 or times[-1] - times[0] < STANDING_S:
         raise AlignmentRefused(f"{name}: no pose to align by; stand still for 3 s")
-    moved = float(np.sqrt((leaning(track)[good] ** 2).mean()))
+    moved = float(np.sqrt((turning(track)[good] ** 2).mean()))
     if moved > STILL_RAD_S:
         raise AlignmentRefused(
             f"{name} leaned by {math.degrees(moved):.0f} deg/s; stand still for 3 s"

@@ -18,7 +18,7 @@ from imud.body.hinge import AlignmentRefused
 from imud.body.joints import JointModel
 from imud.body.mounting import Mount
 from imud.body.posture import Posture
-from imud.body.tracks import Track, leaning
+from imud.body.tracks import Track, turning
 from imud.rotation import FloatArray
 
 RATE_HZ = 100.0
@@ -77,6 +77,8 @@ def of(
         for each in chain.segments
         if each.is_contact and each.name in given and given[each.name].acc is not None
     }
+    for name, path in paths.items():
+        remarks += [f"{name}: {remark}" for remark in path.remarks]
     body = posture.of(chain, found, mounts, known)
     return BodyAnalysis(body, paths, mounts, known, tuple(remarks))
 
@@ -98,6 +100,7 @@ def aligned(
     )
     pose = max(stood[0], stood[1] - POSE_S), stood[1] - BEFORE_S
     mounts = zero.mounted(chain, found, known, pose, mounts, facing_rad)
+    why += zero.remarks(chain, mounts)
     return mounts, zero.signed(known, mounts, chain), why
 
 
@@ -145,7 +148,7 @@ def align(
 def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:
     """Each STILL_S or more in which no probe leans: from and to, s. At least one."""
     times_s = next(iter(found.values())).times_s
-    fastest: FloatArray = np.max([leaning(each) for each in found.values()], axis=0)
+    fastest: FloatArray = np.max([turning(each) for each in found.values()], axis=0)
     is_still = np.nan_to_num(fastest, nan=np.inf) < STILL_RAD_S
     edges = np.diff(np.concatenate([[False], is_still, [False]]).astype(int))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1

@@ -70,10 +70,27 @@ def of_poses(
     return Track(times_s, quat, (before + after) / 2.0, tilt_sigma, heading_sigma)
 
 
-def leaning(track: Track) -> FloatArray:
-    """How fast each moment leans, rad/s: the rate across the vertical. A filter that
-    corrects its heading turns poses about the vertical.
+def slides(track: Track) -> FloatArray:
+    """By how much the heading of a probe's own filter has slid since the first row,
+    beside what the rates say it turned: rad, (n,). A filter slides while it learns the
+    field of a place.
     """
+    step_s = np.diff(track.times_s)[:, None]
+    rates = (track.gyr[1:] + track.gyr[:-1]) / 2.0
+    turned = rotation.multiply(
+        track.quat[:-1], rotation.from_rotation_vector(rates * step_s)
+    )
+    off = rotation.multiply(track.quat[1:], rotation.inverse(turned))
+    about_up = np.nan_to_num(rotation.to_rotation_vector(off)[:, 2])
+    return np.concatenate([[0.0], np.cumsum(about_up)])
+
+
+def turning(track: Track) -> FloatArray:
+    """How fast each moment turns, rad/s; of poses alone the rate across the vertical: a
+    filter that corrects its heading turns them about it.
+    """
+    if track.acc is not None:
+        return np.asarray(np.linalg.norm(track.gyr, axis=1))
     rates = rotation.rotate(track.quat, track.gyr)
     return np.asarray(np.hypot(rates[:, 0], rates[:, 1]))
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from imud import rotation
-from imud.body import heading, joints
-from imud.body.chain import Chain
+from imud.body import heading, joints, posture
+from imud.body.chain import Chain, Segment
 from imud.body.hinge import AlignmentRefused
 from imud.body.joints import JointModel
 from imud.body.mounting import Mount
@@ -79,6 +79,24 @@ def mounted(
         mount = rotation.multiply(rotation.inverse(quat), stood[name])
         done[name] = Mount(mount, LEVEL, sigma, "pose")
     return done
+
+
+def remarks(chain: Chain, mounts: Mapping[str, Mount]) -> list[str]:
+    """Which angles have no zero, and the motion that would show it."""
+    return [
+        f"{child.name}: the zero of its {_angles(child)} is not known: turn the whole, "
+        f"so that the axis between {parent.name} and {child.name} lies level for some "
+        "seconds, or use magnetometers"
+        for parent, child in chain.joints()
+        if child.joint.freedom
+        and child.name in mounts
+        and mounts[child.name].facing_sigma > posture.UNKNOWN
+    ]
+
+
+def _angles(child: Segment) -> str:
+    names = child.joint.angles
+    return f"{names[0]}" if len(names) == 1 else "angles"
 
 
 def signed(

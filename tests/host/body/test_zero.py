@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: MIT
+"""The zero of joints whose axis is upright in the pose that they are zeroed in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.limb import chains, made_chain
+from imud import rotation
+from imud.body import chain, fused, session, tracks
+from imud.rotation import FloatArray
+
+RATE_HZ = 100.0
+UP = np.array([0.0, 0.0, 1.0])
+GRAVITY = np.array([0.0, 0.0, 9.80665])
+PAIR = """
+name = "pair"
+[segments.one]
+probe = "one"
+[segments.two]
+parent = "one"
+joint = "hinge"
+probe = "two"
+"""
+
+
+def test_hinges_that_were_upright_at_the_start_state_their_error():
+    scored = []
+    for seed in (20, 21, 22):
+        made = made_chain.made(seed, made_chain.ARM, 40.0, is_upright=True)
+        found = chains.measured(made)
+        scored += [each for each in chains.scored(made, found) if each[0] == "hinge"]
+    inside = [share for _, _, share in scored]
+    assert np.mean(inside) > 0.9
+    # And it is not hidden behind a large one.
+    assert np.mean([rms for _, rms, _ in scored]) < 6.0
+
+
+def felt(turn: FloatArray, mag: FloatArray | None) -> tracks.Track:
+    """What a calibrated probe feels that only turns, world_from_probe (n, 4)."""
+    times_s = np.arange(len(turn)) / RATE_HZ
+    step = rotation.multiply(rotation.inverse(turn[:-1]), turn[1:])
+    gyr = np.gradient(
+        np.cumsum(
+            np.concatenate([np.zeros((1, 3)), rotation.to_rotation_vector(step)]), 0
+        ),
+        1.0 / RATE_HZ,
+        axis=0,
+    )
+    back = rotation.inverse(turn)
+    random = np.random.default_rng(len(turn))
+    acc = rotation.rotate(back, GRAVITY) + random.normal(0.0, 0.02, gyr.shape)
+    field = np.full_like(gyr, np.nan) if mag is None else rotation.rotate(back, mag)
+    return fused.attitudes(times_s, gyr + random.normal(0, 1e-3, gyr.shape), acc, field)
+
+
+def pair(leans_rad: float, mag: FloatArray | None) -> session.BodyAnalysis:
+    """Two segments with an upright hinge, which lean in the end by that angle."""
+    t = np.arange(int(40 * RATE_HZ)) / RATE_HZ
+    moves = np.clip(t - 5.0, 0.0, 1.0)
+    first = rotation.from_rotation_vector(np.outer(0.4 * np.sin(t) * moves, UP))
+    lean = leans_rad * np.clip((t - 15.0) / 5.0, 0.0, 1.0)
+    first = rotation.multiply(
+        rotation.from_rotation_vector(np.outer(lean, [1.0, 0.0, 0.0])), first
+    )
+    bend = 0.8 * np.sin(1.7 * t) * moves
+    second = rotation.multiply(first, rotation.from_rotation_vector(np.outer(bend, UP)))
+    found = {"one": felt(first, mag), "two": felt(second, mag)}
+    return session.of(chain.read(PAIR, "pair"), found)
+
+
+def test_a_zero_that_no_motion_shows_is_withheld_with_the_motion_that_would():
+    found = pair(0.0, None)
+    assert np.isnan(found.posture.angles["two"]).all()
+    assert np.isnan(found.posture.sigmas["two"]).all()
+    assert any(
+        "two: the zero of its angle is not known: turn the whole, so that the axis "
+        "between one and two lies level" in each
+        for each in found.remarks
+    )
+
+
+def test_motion_shows_the_zero_later():
+    found = pair(1.2, None)
+    assert np.isfinite(found.posture.angles["two"]).mean() > 0.9
+    assert not any("zero" in each for each in found.remarks)
+
+
+@pytest.mark.parametrize("turn_rad", [0.3, -0.5])
+def test_the_slide_of_a_filter_is_no_turn_of_its_probe(turn_rad: float):
+    """A filter that learns where north is turns its poses, and rates say no turn."""
+    t = np.arange(int(10 * RATE_HZ)) / RATE_HZ
+    slide = turn_rad * np.clip((t - 3.0) / 4.0, 0.0, 1.0)
+    quat = rotation.from_rotation_vector(np.outer(slide + 0.5 * np.sin(t), UP))
+    gyr = np.outer(0.5 * np.cos(t), UP)
+    none = np.full(len(t), 0.01)
+    found = tracks.slides(tracks.Track(t, quat, gyr, none, none))
+    np.testing.assert_allclose(found, slide, atol=0.01)
