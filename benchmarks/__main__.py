@@ -57,9 +57,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "calibration/modules.py",
     ),
     "limb": (
-        "joint angles of legs that walk, and of chains of segments",
+        "joint angles of legs that walk, and of chains; paths of feet",
         "limb/legs.py",
         "limb/chains.py",
+        "limb/feet.py",
     ),
     "page": (
         "the page in Chromium: frames, latency, memory; what a browser costs",

@@ -1,94 +1,314 @@
 # SPDX-License-Identifier: MIT
-"""When a foot rests on the ground, and its path in the world between the rests.
+"""When a foot rests on the ground, and its path in the world with its errors.
 
-Between two rests the velocity is integrated; what it has left at the second rest is
-taken out evenly over the time (zero velocity update: E. Foxlin, IEEE Computer Graphics
-25(6):38, 2005).
+A foot rests where its stance is calm, and its speed, as far as it is known, agrees.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from imud import rotation
-from imud.body.tracks import Track
+from imud.body import level
+from imud.body.stance import CALM, StanceDetector
+from imud.body.tracks import BoolArray, Track
+from imud.body.zero_velocity import SAME_S, Step, ZeroVelocity, smoothed
 from imud.rotation import FloatArray
 
-GRAVITY_M_S2 = 9.80665
-RATE_MAX = math.radians(40.0)  # of a foot that rests
-FORCE_MAX_M_S2 = 1.5  # by which the force differs from gravity
-REST_S = 0.12
+REST_S = 0.02  # of less, so many seconds make a rest
 SWING_S = 0.15  # a shorter pause between rests is none
+SURE_S = 0.4  # so long at CALM, and it stands, whatever its speed seems
+GAP_S = 0.1  # without samples, and nobody knows where it is
+TURNS_RAD_S = math.radians(0.05)  # a heading drifts by so much while it is carried on
+RATE_RANGE_RAD_S, FORCE_RANGE_M_S2 = math.radians(240.0), 19.0  # the least there is
+LONG_S = 3.0  # without a rest its place is hardly known
+# What a foot that stands is pushed by, it also moves by: m/s for a root of an energy.
+MOVES_S = 0.01
+ALIKE = 0.4  # the share of it that is the same at each rest, and adds up
+
+
+@dataclass(slots=True)
+class Rest:
+    """A rest of a foot: when it began, when it was last seen, where it is, m, and how
+    fast it moves in spite of resting, m/s.
+    """
+
+    begin_s: float
+    end_s: float
+    place: FloatArray
+    sigmas: FloatArray
+    moves_m_s: float
+
+
+class Walker:
+    """A foot's place from rest to rest, sample by sample."""
+
+    def __init__(self) -> None:
+        self.stance = StanceDetector()
+        self.filter: ZeroVelocity | None = None
+        self.rests = 0
+        self.rest: Rest | None = None  # the last one
+        self.before: Rest | None = None  # and the one before it
+        self.is_down = False
+        self.landed: FloatArray | None = None  # what the first moment of a rest showed
+        self._calm_s = self._sure_s = self._same_m = 0.0
+        self._faced_s = self._stood_s = -math.inf
+
+    def update(
+        self,
+        time_s: float,
+        step_s: float,
+        measured: tuple[FloatArray, FloatArray],
+        pose: tuple[FloatArray, float, float],
+        *,
+        is_clipped: bool = False,
+    ) -> Step | None:
+        """A sample, `step_s` after the last: rates in rad/s and forces in m/s2 of the
+        probe; and what its own filter says: world_from_probe, one-sigma errors of tilt
+        and heading in rad. Returns the step of the place's filter, once it has begun.
+        """
+        gyr, acc = measured
+        self.landed = None
+        self.stance.update(step_s, gyr, acc)
+        self._calm_s = self._calm_s + step_s if self.stance.is_calm else 0.0
+        is_sure = self.stance.energy < CALM
+        self._sure_s = self._sure_s + step_s if is_sure else 0.0
+        step = None
+        if self.filter is not None:
+            step = self.filter.advance(step_s, gyr, acc, is_clipped=is_clipped)
+        if self._calm_s < REST_S:
+            self.is_down = False
+            return step
+        if self.filter is not None:
+            self._stand(self.filter, time_s, gyr, pose)
+        elif self._sure_s >= SURE_S:
+            quat, tilt, heading = pose
+            known = heading if math.isfinite(heading) else 0.0
+            self.filter = ZeroVelocity(quat, tilt, known)
+            self._faced_s = time_s
+            self._stand(self.filter, time_s, gyr, pose)
+        return step
+
+    def _stand(
+        self,
+        filter_: ZeroVelocity,
+        time_s: float,
+        gyr: FloatArray,
+        pose: tuple[FloatArray, float, float],
+    ) -> None:
+        """It seems to stand."""
+        sigma = MOVES_S * math.sqrt(self.stance.energy)
+        is_new = not self.is_down
+        if not is_new and time_s - self._stood_s < SAME_S:
+            return
+        # What glides off from a rest, and feels no more than one that stands, is not
+        # sure of it either.
+        is_sure = is_new and self._sure_s >= SURE_S
+        if not filter_.agrees(gyr, sigma, is_new=is_new, must=is_sure):
+            self.is_down = False
+            if not is_new:
+                self._sure_s = 0.0
+            return
+        change = filter_.stand(gyr, sigma)
+        self._stood_s, self.is_down = time_s, True
+        quat, _, heading = pose
+        if math.isfinite(heading) and math.isfinite(float(quat[0])):
+            filter_.face(quat, heading, time_s - self._faced_s)
+            self._faced_s = time_s
+        if is_new:
+            self.landed = change
+            if self.rest is None or time_s - self.rest.end_s >= SWING_S:
+                self._begin(time_s - self._calm_s)
+        if self.rest is not None:
+            self.rest.end_s, self.rest.place = time_s, filter_.place
+            self.rest.moves_m_s = min(self.rest.moves_m_s, sigma)
+            self.rest.sigmas = self.sigmas
+
+    def _begin(self, begin_s: float) -> None:
+        """A rest."""
+        self.rests += 1
+        if self.rest is not None:
+            self._same_m = self.same_m
+        self.before = self.rest
+        self.rest = Rest(begin_s, begin_s, np.zeros(3), np.zeros(3), math.inf)
+
+    @property
+    def same_m(self) -> float:
+        """What all rests have in common that move alike, up to the last one, m."""
+        if self.rest is None or self.before is None:
+            return 0.0
+        passed_s = self.rest.begin_s - self.before.begin_s
+        return self._same_m + ALIKE * self.rest.moves_m_s * passed_s
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """One-sigma errors of its place, m."""
+        if self.filter is None:
+            return np.full(3, np.nan)
+        return np.asarray(np.hypot(self.filter.sigmas, self.same_m))
+
+    @property
+    def stride_m(self) -> float | None:
+        """The level distance of the last two rests."""
+        if self.rest is None or self.before is None:
+            return None
+        return float(np.hypot(*(self.rest.place - self.before.place)[:2]))
 
 
 @dataclass(frozen=True, slots=True)
 class FootPath:
-    """A foot's path. `rests`: first and last row of each rest. `strides`: m, level
-    distance from rest to rest.
+    """A foot's path: place and one-sigma errors in m, world axes, from its first rest;
+    NaN where it is not known. `rests`: first and last row of each rest. `strides`: m,
+    level distance from rest to rest. `remarks` for people.
     """
 
     times_s: FloatArray
-    place: FloatArray  # m, world axes, from its first rest
+    place: FloatArray
+    sigmas: FloatArray
     rests: tuple[tuple[int, int], ...]
     strides: FloatArray
-
-
-def rests(track: Track) -> tuple[tuple[int, int], ...]:
-    """First and last row of each rest, from rates, and forces where there are any."""
-    is_calm = np.linalg.norm(track.gyr, axis=1) < RATE_MAX
-    if track.acc is not None:
-        off = np.abs(np.linalg.norm(track.acc, axis=1) - GRAVITY_M_S2)
-        is_calm &= off < FORCE_MAX_M_S2
-    edges = np.flatnonzero(
-        np.diff(np.concatenate([[False], is_calm, [False]]).astype(int))
-    )
-    spans: list[tuple[int, int]] = []
-    times = track.times_s
-    for start, end in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True):
-        if spans and times[start] - times[spans[-1][1]] < SWING_S:
-            spans[-1] = spans[-1][0], end
-        else:
-            spans.append((start, end))
-    return tuple(each for each in spans if times[each[1]] - times[each[0]] >= REST_S)
+    remarks: tuple[str, ...]
 
 
 def path(track: Track) -> FootPath:
-    """The path of a foot's probe, from poses and forces. ValueError without forces.
-
-    Between the rests it is known; before the first and after the last it is NaN.
-    """
+    """The path of a foot's probe, from poses and forces. ValueError without forces."""
     if track.acc is None:
         raise ValueError(
             "the path of a foot needs forces: raw samples, not poses alone"
         )
-    found = rests(track)
-    place = np.full((len(track.times_s), 3), np.nan)
-    ends = []
-    force = rotation.rotate(track.quat, track.acc)
-    force[:, 2] -= GRAVITY_M_S2
-    here = np.zeros(3)
-    for index, (first, last) in enumerate(found):
-        place[first : last + 1] = here
-        ends.append(here)
-        if index + 1 < len(found):
-            rows = slice(last, found[index + 1][0] + 1)
-            place[rows] = here + swing(track.times_s[rows], force[rows])
-            here = place[found[index + 1][0]]
-    steps = np.diff(np.array(ends).reshape(-1, 3), axis=0)
-    return FootPath(track.times_s, place, found, np.linalg.norm(steps[:, :2], axis=1))
+    return _Path(track, track.acc).found()
 
 
-def swing(times_s: FloatArray, force: FloatArray) -> FloatArray:
-    """The way from rest to rest, m; `force` in m/s2 without gravity, world."""
-    step = np.diff(times_s)[:, None]
-    none = np.zeros((1, 3))
-    speed = np.concatenate(
-        [none, np.cumsum((force[1:] + force[:-1]) / 2.0 * step, axis=0)]
-    )
-    share = (times_s - times_s[0]) / (times_s[-1] - times_s[0])
-    speed = speed - share[:, None] * speed[-1]
-    way = np.cumsum((speed[1:] + speed[:-1]) / 2.0 * step, axis=0)
-    return np.concatenate([none, way])
+class _Path:
+    """Goes through a track once."""
+
+    def __init__(self, track: Track, acc: FloatArray) -> None:
+        self._track, self._acc = track, acc
+        count = len(track.times_s)
+        self.place = np.full((count, 3), np.nan)
+        self.sigmas = np.full((count, 3), np.nan)
+        self.rests: list[tuple[int, int]] = []
+        self.places: list[FloatArray] = []
+        self.remarks: list[str] = []
+        self._swing: list[Step] = []  # since the last rest
+
+    def found(self) -> FootPath:
+        track = self._track = faced(self._track)
+        steps_s = np.diff(track.times_s, prepend=track.times_s[0])
+        both = np.concatenate([track.gyr, self._acc], axis=1)
+        is_whole: BoolArray = np.asarray(np.isfinite(both).all(axis=1))
+        is_clipped = np.logical_or(
+            clipped(track.gyr, RATE_RANGE_RAD_S), clipped(self._acc, FORCE_RANGE_M_S2)
+        )
+        walker, missing_s = Walker(), 0.0
+        for row, time_s in enumerate(track.times_s.tolist()):
+            missing_s += float(steps_s[row])
+            if not is_whole[row]:
+                continue
+            if missing_s > GAP_S and walker.filter is not None:
+                self._lose(time_s, missing_s)
+                break
+            step = walker.update(
+                time_s,
+                missing_s,
+                (track.gyr[row], self._acc[row]),
+                (
+                    track.quat[row],
+                    float(track.tilt_sigma[row]),
+                    float(track.heading_sigma[row]),
+                ),
+                is_clipped=bool(is_clipped[row]),
+            )
+            missing_s = 0.0
+            self._keep(row, walker, step)
+        self._tell_long(walker)
+        ends = np.array(self.places).reshape(-1, 3)
+        moved = np.diff(ends, axis=0)
+        return FootPath(
+            track.times_s,
+            *(self.place, self.sigmas, tuple(self.rests)),
+            np.hypot(moved[:, 0], moved[:, 1]),
+            tuple(self.remarks),
+        )
+
+    def _keep(self, row: int, walker: Walker, step: Step | None) -> None:
+        if walker.filter is None:
+            return
+        if step is not None:
+            self._swing.append(step)
+        self.place[row] = walker.filter.place
+        self.sigmas[row] = walker.sigmas
+        if not walker.is_down:
+            return
+        if walker.landed is not None and self._swing:
+            # What was said of the way since the last rest, by what is known now.
+            rows = slice(row - len(self._swing), row)
+            changes, sigmas = smoothed(
+                self._swing, walker.landed, walker.filter.covariance
+            )
+            self.place[rows] += changes
+            self.sigmas[rows] = np.hypot(sigmas, walker.same_m)
+        self._swing = []
+        if walker.rests > len(self.rests):
+            self.rests.append((row, row))
+            self.places.append(walker.filter.place)
+        self.rests[-1] = self.rests[-1][0], row
+        self.places[-1] = walker.filter.place
+
+    def _lose(self, time_s: float, missing_s: float) -> None:
+        at_s = time_s - float(self._track.times_s[0])
+        self.remarks.append(
+            f"{missing_s:.1f} s of samples are missing at {at_s:.1f} s: its place is "
+            "not known from there on"
+        )
+
+    def _tell_long(self, walker: Walker) -> None:
+        """The longest time without a rest, if that is long."""
+        times_s = self._track.times_s
+        if walker.filter is None:
+            self.remarks.append("it never rests, so that its place is not known")
+            return
+        known = np.flatnonzero(np.isfinite(self.place[:, 0]))
+        ends = [*(each[1] for each in self.rests)]
+        begins = [*(each[0] for each in self.rests[1:]), int(known[-1])]
+        away_s, at_s, row = max(
+            (float(times_s[to] - times_s[since]), float(times_s[since]), to)
+            for since, to in zip(ends, begins, strict=True)
+        )
+        if away_s > LONG_S:
+            off_m = float(np.linalg.norm(self.sigmas[row]))
+            self.remarks.append(
+                f"no rest for {away_s:.1f} s at {at_s - times_s[0]:.1f} s: then its "
+                f"place is known to {2.0 * off_m:.1f} m"
+            )
+
+
+def faced(track: Track) -> Track:
+    """With the best heading of its first while in all rows before that: until a compass
+    has settled, a filter's own heading is any, or poor.
+    """
+    away_s = track.times_s - track.times_s[0]
+    worth = track.heading_sigma**2 + (TURNS_RAD_S * away_s) ** 2
+    if not np.isfinite(worth).any():
+        return track
+    first = int(np.nanargmin(worth))
+    rate_hz = 1.0 / float(np.median(np.diff(track.times_s)))
+    turns = level.strapdown(np.nan_to_num(track.gyr[: first + 1]), rate_hz)
+    back = rotation.multiply(track.quat[first], rotation.inverse(turns[-1]))
+    quat, sigma = track.quat.copy(), track.heading_sigma.copy()
+    quat[:first] = rotation.multiply(back, turns[:-1])
+    sigma[:first] = sigma[first]
+    return replace(track, quat=quat, heading_sigma=sigma)
+
+
+def clipped(values: FloatArray, least: float) -> BoolArray:
+    """Rows of (n, 3) at the end of the range, which is the largest value if that comes
+    again and again; no sensor's range ends below `least`.
+    """
+    largest = np.abs(values).max(axis=1)
+    most = float(np.nanmax(largest))
+    at_end = np.asarray(largest >= most * (1.0 - 1e-4))
+    return at_end & (most > least and int(at_end.sum()) > 2)

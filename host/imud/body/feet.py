@@ -3,93 +3,142 @@
 
 from __future__ import annotations
 
-from collections import deque
+import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from imud import rotation
 from imud.body import contact
+from imud.body.chain import Chain
+from imud.body.contact import Walker
+from imud.body.history import ProbeHistory
+from imud.body.mounting import Mount
+from imud.body.stance import StanceDetector
 from imud.body.state import Contact, Vector
+from imud.body.tracks import Track
+from imud.body.zero_velocity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
-SWING_MAX_S = 3.0  # a longer one is not followed: its end is far from where it seems
+# world_from_probe, one-sigma errors of tilt and heading in rad.
+Pose = tuple[FloatArray, float, float]
+TURNS_REST_S = 0.12  # of rates alone, which are those of some 25 poses a second
+UP = np.array([0.0, 0.0, GRAVITY_M_S2])
 
 
 class Foot:
     """One segment with `contact`."""
 
     def __init__(self) -> None:
-        self.is_down = False
+        self._walker: Walker | None = None
+        self._turns = StanceDetector()  # of poses alone
+        self._calm_s = 0.0
         self._rests = 0
-        self._stride_m: float | None = None
-        self._place: FloatArray | None = None
-        self._calm_since_s: float | None = None
         self._last_s: float | None = None
-        # Time and level force in the world without gravity, since the last rest.
-        self._swing: deque[tuple[float, FloatArray | None]] = deque()
+        self._is_down = False
 
-    def update(
-        self, time_s: float, quat: FloatArray, gyr: FloatArray, acc: FloatArray | None
-    ) -> None:
-        """A moment: world_from_probe (4,), rates rad/s and forces m/s2 of the probe."""
-        if self._last_s is not None and time_s - self._last_s > contact.SWING_S:
-            self.lose()
+    def update(self, samples: FloatArray, pose: Pose) -> None:
+        """Samples since the last call, rows of (n, 7): time s, rates rad/s, forces m/s2
+        of the probe; and the pose at about their time.
+        """
+        for row in samples:
+            time_s = float(row[0])
+            passed_s = 0.0 if self._last_s is None else time_s - self._last_s
+            if passed_s > contact.GAP_S:
+                self.lose()
+                passed_s = 0.0
+            if self._walker is None:
+                self._walker = Walker()
+            self._last_s = time_s
+            self._walker.update(time_s, passed_s, (row[1:4], row[4:7]), pose)
+            self._count(self._walker.is_down)
+
+    def turn(self, time_s: float, gyr: FloatArray) -> None:
+        """A moment of a probe that sends poses alone: rates tell rests, no places."""
+        passed_s = 0.0 if self._last_s is None else time_s - self._last_s
         self._last_s = time_s
-        force = None
-        if acc is not None:
-            force = rotation.rotate(quat, acc)
-            force[2] -= contact.GRAVITY_M_S2
-        self._swing.append((time_s, force))
-        if time_s - self._swing[0][0] > SWING_MAX_S:
-            self._swing.popleft()
-        is_calm = bool(np.linalg.norm(gyr) < contact.RATE_MAX)
-        if acc is not None:
-            off = abs(float(np.linalg.norm(acc)) - contact.GRAVITY_M_S2)
-            is_calm &= off < contact.FORCE_MAX_M_S2
-        if not is_calm:
-            self._calm_since_s = None
-            self.is_down = False
-            return
-        if self._calm_since_s is None:
-            self._calm_since_s = time_s
-        if self.is_down:
-            self._swing.clear()
-            self._swing.append((time_s, force))
-        elif time_s - self._calm_since_s >= contact.REST_S:
-            self._land(self._calm_since_s)
+        self._turns.update(passed_s, gyr, UP)
+        self._calm_s = self._calm_s + passed_s if self._turns.is_calm else 0.0
+        self._count(self._calm_s >= TURNS_REST_S)
 
     def lose(self) -> None:
-        """Its probe is missing: nothing is known of the next stride."""
-        self.is_down, self._calm_since_s = False, None
-        self._place = None
-        self._swing.clear()
+        """Its probe is missing: nothing is known of the next stride, and its place
+        begins anew.
+        """
+        self._walker, self._last_s, self._is_down = None, None, False
+        self._calm_s = 0.0
 
-    def _land(self, at_s: float) -> None:
-        """It rests since `at_s`."""
-        self.is_down = True
-        rows = [each for each in self._swing if each[0] <= at_s]
-        passed = at_s - rows[0][0] if rows else 0.0
-        if self._rests and passed < contact.SWING_S:
-            return  # a tremor within a rest
-        self._rests += 1
-        forces = [force for _, force in rows if force is not None]
-        if self._place is None or len(forces) < len(rows) or passed > SWING_MAX_S:
-            self._stride_m, self._place = None, np.zeros(3)
-            return
-        times_s = np.array([time_s for time_s, _ in rows])
-        way = contact.swing(times_s, np.array(forces))[-1]
-        self._stride_m = float(np.hypot(way[0], way[1]))
-        self._place = self._place + way
+    def _count(self, is_down: bool) -> None:
+        self._rests += is_down and not self._is_down
+        self._is_down = is_down
+
+    def remark(self) -> str | None:
+        """That it has not rested for long, and what that means."""
+        walker = self._walker
+        if walker is None or walker.rest is None or self._last_s is None:
+            return None
+        away_s = self._last_s - walker.rest.end_s
+        if away_s <= contact.LONG_S:
+            return None
+        off_m = 2.0 * float(np.linalg.norm(walker.sigmas))
+        return f"no rest for {away_s:.0f} s: its place is known to {off_m:.1f} m"
 
     def state(self) -> Contact:
-        place: Vector | None = None
-        if self._place is not None:
-            x, y, z = (round(each, 4) for each in self._place.tolist())
-            place = x, y, z
-        stride = None if self._stride_m is None else round(self._stride_m, 4)
+        walker = self._walker
+        rest = walker.rest if walker is not None else None
+        stride = walker.stride_m if walker is not None else None
         return Contact(
-            is_down=self.is_down,
+            is_down=self._is_down,
             rests=self._rests,
-            stride_m=stride,
-            place_m=place,
+            stride_m=None if stride is None else round(stride, 4),
+            place_m=None if rest is None else _rounded(rest.place),
+            place_sigma_m=None if rest is None else _rounded(rest.sigmas),
         )
+
+
+class Feet:
+    """All feet of a body."""
+
+    def __init__(self, chain: Chain) -> None:
+        self._feet = {each.name: Foot() for each in chain.segments if each.is_contact}
+        self._last_s: float | None = None
+
+    def update(
+        self,
+        time_s: float,
+        quats: Mapping[str, FloatArray],
+        tracks: Mapping[str, Track],
+        mounts: Mapping[str, Mount],
+        histories: Mapping[str, ProbeHistory],
+    ) -> None:
+        """A moment: `quats`, world_from_segment, and `tracks` of this moment alone, all
+        by segment.
+        """
+        since_s, self._last_s = self._last_s, time_s
+        for name, foot in self._feet.items():
+            quat, track, mount = quats[name][0], tracks[name], mounts.get(name)
+            if mount is None or not np.isfinite(quat).all():
+                foot.lose()
+            elif track.acc is None:
+                foot.turn(time_s, track.gyr[0])
+            else:
+                turned = rotation.inverse(mount.probe_from_segment)
+                probe = rotation.multiply(quat, turned)
+                pose = probe, float(track.tilt_sigma[0]), float(track.heading_sigma[0])
+                after_s = time_s if since_s is None else since_s
+                foot.update(histories[name].samples(after_s, time_s), pose)
+
+    def state(self, name: str) -> Contact | None:
+        foot = self._feet.get(name)
+        return foot.state() if foot is not None else None
+
+    def remarks(self) -> list[str]:
+        told = ((name, foot.remark()) for name, foot in self._feet.items())
+        return [f"{name}: {remark}" for name, remark in told if remark is not None]
+
+
+def _rounded(values: FloatArray) -> Vector | None:
+    if not all(map(math.isfinite, values.tolist())):
+        return None
+    x, y, z = (round(each, 4) for each in values.tolist())
+    return x, y, z

@@ -65,6 +65,18 @@ class ProbeHistory:
         """A rate, rad/s, and a specific force, m/s2, in the probe's frame."""
         _append(self.raws, (time_s, *gyr, *acc), self.kept_s)
 
+    def samples(self, after_s: float, until_s: float) -> FloatArray:
+        """What was sampled then, rows of time, rates without bias, forces: (n, 7)."""
+        found = []
+        for row in reversed(self.raws):
+            if row[0] <= after_s:
+                break
+            if row[0] <= until_s:
+                found.append(row)
+        rows = np.array(found[::-1]).reshape(-1, 7)
+        rows[:, 1:4] -= self.bias_rad_s
+        return rows
+
     def track(self, times_s: FloatArray, gap_s: float = GAP_S) -> Track | None:
         """Its track at rising times; None if it has nothing near them. A gap of more
         than `gap_s` is missing.

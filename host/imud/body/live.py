@@ -17,7 +17,7 @@ import numpy as np
 from imud import rotation
 from imud.body import heading, mounting, posture, session, zero
 from imud.body.chain import Chain, Segment
-from imud.body.feet import Foot
+from imud.body.feet import Feet
 from imud.body.heading import HeadingFilter
 from imud.body.hinge import AlignmentRefused
 from imud.body.history import ProbeHistory
@@ -82,7 +82,7 @@ class LiveBody:
         self._mounts: Mapping[str, Mount] = {}
         self._known: Mapping[str, JointModel] = {}
         self._steps: dict[str, HeadingFilter] = {}
-        self._feet = {s.name: Foot() for s in chain.segments if s.is_contact}
+        self._feet = Feet(chain)
         self._sides: dict[str, Quat] = {}  # the last attitudes, for their signs
         self._number = 0
 
@@ -107,7 +107,7 @@ class LiveBody:
             instruction=self.instruction,
             aligned=self._method(),
             missing=tuple(n for n, state in presences.items() if state != "ok"),
-            remarks=tuple(self.remarks),
+            remarks=(*self.remarks, *self._feet.remarks()),
             segments=self._segments(shown, presences, now_s),
             joints=self._joints(shown),
         )
@@ -244,16 +244,12 @@ class LiveBody:
         back = heading.about_up(np.array(-self._ahead_rad))
         for name, quat in found.quats.items():
             found.quats[name] = rotation.multiply(back, quat)
-        for name, foot in self._feet.items():
-            quat, mount = found.quats[name][0], self._mounts.get(name)
-            if mount is None or not np.isfinite(quat).all():
-                foot.lose()
-                continue
-            probe = rotation.multiply(quat, rotation.inverse(mount.probe_from_segment))
-            acc = tracks[name].acc
-            foot.update(
-                time_s, probe, tracks[name].gyr[0], None if acc is None else acc[0]
-            )
+        histories = {
+            each.name: self.histories[each.probe]
+            for each in self.chain.segments
+            if each.probe in self.histories
+        }
+        self._feet.update(time_s, found.quats, tracks, self._mounts, histories)
         return found
 
     def _segments(
@@ -277,7 +273,6 @@ class LiveBody:
                 for mark in segment.marks
                 if (place := _place(places.get(f"{name}.{mark}"))) is not None
             }
-            foot = self._feet.get(name)
             states.append(
                 SegmentState(
                     name=name,
@@ -289,7 +284,7 @@ class LiveBody:
                     start_m=_place(places.get(f"{name}.start")) if is_there else None,
                     end_m=marks.pop("end", None),
                     marks_m=marks,
-                    contact=foot.state() if foot is not None and is_there else None,
+                    contact=self._feet.state(name) if is_there else None,
                 )
             )
         return tuple(states)

@@ -28,6 +28,7 @@ class Contact(msgspec.Struct, frozen=True, kw_only=True):
     rests: int  # how often it has rested since the alignment
     stride_m: float | None  # level distance between the last two rests
     place_m: Vector | None  # of its last rest, from the first one; x, y, z as above
+    place_sigma_m: Vector | None  # one-sigma errors of it, which grow
 
 
 class SegmentState(msgspec.Struct, frozen=True, kw_only=True):

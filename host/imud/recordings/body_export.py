@@ -130,9 +130,10 @@ def _csv(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
         columns += [*rotation.continuous(quat).T]
         names += [f"{name}_q{part}" for part in "wxyz"]
     for name, path in made.paths.items():
-        for axis, place in zip("xyz", path.place.T, strict=True):
-            columns.append(np.interp(found.times_s, path.times_s, place))
-            names.append(f"{name}_{axis}_m")
+        for what, values in (("m", path.place), ("sigma_m", path.sigmas)):
+            for axis, each in zip("xyz", values.T, strict=True):
+                columns.append(np.interp(found.times_s, path.times_s, each))
+                names.append(f"{name}_{axis}_{what}")
     file = directory / f"{limb.name}-body.csv"
     with file.open("x", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: MIT
+"""Rests and paths of feet that walk and run, with their errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.limb import feet, made_gait
+from benchmarks.limb.made_gait import GAITS, Walk
+from imud.body import contact, fused
+from imud.body.contact import FootPath
+from imud.body.feet import Foot
+from imud.body.tracks import Track
+from imud.body.zero_velocity import GRAVITY_M_S2, ZeroVelocity
+
+STRIDES = 12
+RUN = GAITS["run"]
+UP = np.array([0.0, 0.0, GRAVITY_M_S2])
+SIGNS = np.array([1.0, -1.0, 1.0])
+
+
+def track_of(walk: Walk) -> Track:
+    return fused.attitudes(walk.times_s, walk.gyr, walk.acc, walk.mag)
+
+
+def cut(track: Track, from_s: float, to_s: float) -> Track:
+    """Without the samples in between."""
+    return track.rows((track.times_s < from_s) | (track.times_s > to_s))
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_rests_are_found_and_the_stated_error_holds_from_strolling_to_sprinting(
+    name: str,
+):
+    scored = [feet.measure(GAITS[name], seed, 20) for seed in (30, 31, 32)]
+    assert sum(each.found for each in scored) >= 0.95 * sum(e.rests for e in scored)
+    assert sum(each.false for each in scored) <= 1
+    # The way of a sprint is short in time and long in m: the compass counts most.
+    most = 0.06 if name == "sprint" else 0.03
+    assert np.mean([each.off for each in scored]) < most
+    assert np.mean([each.inside for each in scored]) > 0.9
+    true, stated = (
+        np.hypot.reduce([getattr(each, key) for each in scored])
+        for key in ("true_m", "stated_m")
+    )
+    assert stated < 3.0 * true
+
+
+def test_a_fixed_threshold_finds_few_rests_of_who_runs():
+    """What the threshold of a walk, 40 deg/s and 1.5 m/s2, makes of running."""
+    walk = made_gait.made(RUN, STRIDES, 32)
+    calm = np.linalg.norm(walk.gyr, axis=1) < np.radians(40.0)
+    calm &= np.abs(np.linalg.norm(walk.acc, axis=1) - GRAVITY_M_S2) < 1.5
+    edges = np.flatnonzero(np.diff(calm.astype(int), prepend=0, append=0))
+    spans = [
+        (walk.times_s[a], walk.times_s[b - 1])
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        if walk.times_s[b - 1] - walk.times_s[a] >= 0.12
+    ]
+    met = [
+        any(begin < end and stop > start for begin, stop in spans)
+        for start, end in walk.contacts
+    ]
+    assert sum(met) <= 4
+    assert feet.score(walk, feet.path_of(walk)).found >= STRIDES
+
+
+def test_missing_samples_end_what_is_known_and_are_said():
+    walk = made_gait.made(GAITS["walk"], STRIDES, 33)
+    middle_s = walk.contacts[6][1] + 0.2
+    found = contact.path(cut(track_of(walk), middle_s, middle_s + 0.4))
+    after = found.times_s > middle_s + 0.4
+    assert np.isnan(found.place[after]).all()
+    assert np.isnan(found.sigmas[after]).all()
+    assert len(found.rests) == 7
+    assert any("0.4 s of samples are missing at" in each for each in found.remarks)
+
+
+def test_few_missing_samples_cost_certainty_but_not_the_place():
+    walk = made_gait.made(GAITS["walk"], STRIDES, 33)
+    middle_s = walk.contacts[6][1] + 0.2
+    whole = contact.path(track_of(walk))
+    found = contact.path(cut(track_of(walk), middle_s, middle_s + 0.06))
+    assert len(found.rests) == len(whole.rests)
+    assert np.linalg.norm(found.place[-1] - whole.place[-1]) < 0.3
+
+
+def test_no_rest_for_long_is_said_with_how_far_the_place_is_known():
+    walk = made_gait.made(RUN, STRIDES, 34)
+    track = track_of(walk)
+    # A foot that shakes while it stands, as on a machine: no rest in the air.
+    shaken, random = track.gyr.copy(), np.random.default_rng(0)
+    ends_s = walk.contacts[0][1], walk.contacts[-1][0]
+    rows = (track.times_s > ends_s[0]) & (track.times_s < ends_s[1])
+    shaken[rows] += random.normal(0.0, 6.0, (int(rows.sum()), 3))
+    found = contact.path(replace(track, gyr=shaken))
+    assert any(
+        "no rest for" in each and "is known to" in each for each in found.remarks
+    )
+    truth = walk.place - walk.place[0]
+    off = np.abs(found.place - truth)[rows]
+    assert (off[-1] < 3.0 * found.sigmas[rows][-1]).all()
+    assert (np.diff(found.sigmas[rows][:, 0]) >= -1e-9).all()
+
+
+def test_what_never_rests_has_no_place():
+    count = 2000
+    random = np.random.default_rng(1)
+    track = Track(
+        np.arange(count) / 200.0,
+        np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+        random.normal(0.0, 3.0, (count, 3)),
+        np.full(count, 0.01),
+        np.full(count, np.nan),
+        random.normal(0.0, 5.0, (count, 3)) + UP,
+    )
+    found = contact.path(track)
+    assert np.isnan(found.place).all()
+    assert found.rests == ()
+    assert found.remarks == ("it never rests, so that its place is not known",)
+
+
+def test_an_even_glide_is_no_rest():
+    """A foot carried at 0.5 m/s feels what one feels that stands."""
+    rate_hz, glide_m_s = 200.0, 0.5
+    stand, glide = 600, 100
+    push = np.zeros((stand + 40 + glide, 3))
+    push[stand : stand + 40, 0] = glide_m_s * rate_hz / 40.0
+    count = len(push)
+    track = Track(
+        np.arange(count) / rate_hz,
+        np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+        np.zeros((count, 3)),
+        np.full(count, 0.002),
+        np.full(count, 0.01),
+        push + UP,
+    )
+    found = contact.path(track.rows(np.arange(count) < stand + 40 + 30))
+    assert len(found.rests) == 1
+    assert found.place[-1][0] == pytest.approx(0.125, abs=0.02)
+
+
+def test_live_and_recorded_feet_agree():
+    walk = made_gait.made(GAITS["fast walk"], STRIDES, 35)
+    track = contact.faced(track_of(walk))
+    assert track.acc is not None
+    rows = np.concatenate([track.times_s[:, None], track.gyr, track.acc], axis=1)
+    foot = Foot()
+    for first in range(0, len(rows), 8):
+        pose = track.quat[first], float(track.tilt_sigma[first])
+        heading = float(track.heading_sigma[first])
+        foot.update(rows[first : first + 8], (*pose, heading))
+    found: FootPath = contact.path(track)
+    state = foot.state()
+    assert state.rests == len(found.rests)
+    assert state.place_m is not None
+    assert state.place_sigma_m is not None
+    np.testing.assert_allclose(state.place_m, found.place[found.rests[-1][1]], atol=0.2)
+    assert foot.remark() is None
+    assert state.is_down
+
+
+def test_a_live_foot_says_that_it_has_not_rested_and_begins_anew_when_it_was_lost():
+    foot, pose = Foot(), (np.array([1.0, 0.0, 0.0, 0.0]), 0.01, float("nan"))
+    times_s = np.arange(2000) / 200.0
+    rows = np.zeros((2000, 7))
+    rows[:, 0] = times_s
+    rows[:, 6] = GRAVITY_M_S2
+    rows[400:, 1] = 3.0 * np.sin(20.0 * times_s[400:])
+    foot.update(rows, pose)
+    remark = foot.remark()
+    assert remark is not None
+    assert remark.startswith("no rest for 8 s: its place is known to ")
+    assert not foot.state().is_down
+    foot.lose()
+    assert foot.state().place_m is None
+    assert foot.remark() is None
+
+
+def test_poses_alone_tell_rests_and_no_places():
+    foot = Foot()
+    for index in range(100):
+        foot.turn(index / 25.0, np.array([0.0, 3.0 if 40 < index < 60 else 0.0, 0.0]))
+    state = foot.state()
+    assert state.rests == 2
+    assert state.is_down
+    assert (state.place_m, state.stride_m, state.place_sigma_m) == (None, None, None)
+
+
+def test_how_well_speeds_agree_stretches_the_error():
+    """A sensor that is noisier than it should be is found out at its rests."""
+    quat = np.array([1.0, 0.0, 0.0, 0.0])
+    grown = []
+    for off_m_s in (0.001, 0.15):
+        made = ZeroVelocity(quat, 0.01, 0.0)
+        for index in range(1200):
+            made.advance(0.005, np.zeros(3), UP, is_clipped=False)
+            if index % 200 == 199:
+                made.speed = made.speed + off_m_s * SIGNS
+                assert made.agrees(np.zeros(3), 0.01, is_new=True, must=True)
+                made.stand(np.zeros(3), 0.01)
+        grown.append(float(made.sigmas.max()))
+    assert grown[1] > 2.0 * grown[0]
