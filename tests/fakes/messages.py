@@ -81,6 +81,7 @@ STATUS: dict[str, Any] = {
     "stack_free": 700,
     "supply": None,
     "receive_lost": 0,
+    "temperature": 25.0,
 }
 EQUIPMENT: dict[str, Any] = {
     "clock": "crystal",

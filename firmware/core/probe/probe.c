@@ -47,6 +47,7 @@ void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
     probe->port = port;
     probe->now_us = now_us;
     probe->second_us = now_us;
+    probe->status.temperature = STATUS_TEMPERATURE_NULL;
     frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO, probe->received,
                        sizeof probe->received);
     const enum settings_result loaded =
@@ -138,6 +139,7 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     const uint16_t rate_hz = probe->identity->rate_hz;
     probe->now_us = sample->time_us;
     ++probe->status.samples_read;
+    probe->status.temperature = sample->temperature_cdeg;
     const enum pose_result result = pose_step(&probe->tracker, sample);
     ++probe->status.samples_fused;
     if (result == POSE_CALIBRATED) {

@@ -39,6 +39,7 @@ struct probe_counts {
     uint16_t commands_received, commands_bad;
     uint32_t uptime;  // s
     uint32_t cycles_worst;
+    int16_t temperature;  // of the last sample, 0.01 degC
 };
 
 // How long the filter has known the probe's own field, and what it found last.

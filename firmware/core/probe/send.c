@@ -124,12 +124,13 @@ NOINLINE static void make_status(const struct probe *probe,
            2 * sizeof counts->commands_received);
     out->cycles_mean = probe->samples > 0 ? probe->cycles_sum / probe->samples : 0;
     out->cycles_worst = counts->cycles_worst;
+    out->temperature = counts->temperature;
     out->messages_sent = wire->sequence - wire->dropped + 1;  // itself
     out->messages_dropped = wire->dropped;
 }
 
 // As of a hello.
-enum { STATUS_BEFORE = 27 };
+enum { STATUS_BEFORE = 28 };
 _Static_assert(
     STATUS_BEFORE + sizeof(struct message_status) > MESSAGE_STATUS_SIZE,
     "STATUS_BEFORE is too small: a status's encoding would overtake its fields");

@@ -298,7 +298,7 @@ bool message_event_take(const uint8_t *content, uint8_t length,
     return true;
 }
 
-message_layout message_status_layout[36] = {
+message_layout message_status_layout[38] = {
     MESSAGE_STATUS,
     FIELD(50, 1, 4),  // uptime
     FIELD(51, 1, 1),  // state
@@ -317,6 +317,7 @@ message_layout message_status_layout[36] = {
     FIELD(64, 1, 2),  // stack_free
     FIELD(65, 1, 2),  // supply
     FIELD(66, 1, 2),  // receive_lost
+    FIELD(67, 1, 2),  // temperature
     0,
 };
 
@@ -340,7 +341,7 @@ bool message_status_take(const uint8_t *content, uint8_t length,
         content[36] != 56 || content[39] != 57 || content[42] != 58 ||
         content[47] != 59 || content[52] != 60 || content[55] != 61 ||
         content[58] != 62 || content[63] != 63 || content[68] != 64 ||
-        content[71] != 65 || content[74] != 66) {
+        content[71] != 65 || content[74] != 66 || content[77] != 67) {
         return false;
     }
     memcpy(&out->uptime, content + 10, 4);
@@ -360,6 +361,7 @@ bool message_status_take(const uint8_t *content, uint8_t length,
     memcpy(&out->stack_free, content + 69, 2);
     memcpy(&out->supply, content + 72, 2);
     memcpy(&out->receive_lost, content + 75, 2);
+    memcpy(&out->temperature, content + 78, 2);
     return true;
 }
 

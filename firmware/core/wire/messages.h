@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0x03b33511u
-#define SCHEMA_SEED 0x3511u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0x0f81c6e9u
+#define SCHEMA_SEED 0xc6e9u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -37,7 +37,7 @@ enum {
     MESSAGE_RAW_SIZE = 35,
     MESSAGE_POSE_SIZE = 55,
     MESSAGE_EVENT_SIZE = 18,
-    MESSAGE_STATUS_SIZE = 77,
+    MESSAGE_STATUS_SIZE = 80,
     MESSAGE_EQUIPMENT_SIZE = 52,
     MESSAGE_PARAMS_SIZE = 49,
     MESSAGE_STROKE_SIZE = 55,
@@ -281,6 +281,7 @@ enum {
 #define POSE_HEADING_SIGMA_NULL UINT16_MAX
 #define STATUS_STACK_FREE_NULL UINT16_MAX
 #define STATUS_SUPPLY_NULL UINT16_MAX
+#define STATUS_TEMPERATURE_NULL INT16_MIN
 #define EQUIPMENT_BATTERY_NULL UINT16_MAX
 #define STROKE_DISPLACEMENT_NULL INT32_MIN
 #define STROKE_DISPLACEMENT_SIGMA_NULL UINT16_MAX
@@ -416,6 +417,7 @@ struct message_status {
     uint16_t stack_free;  // bytes
     uint16_t supply;      // mV
     uint16_t receive_lost;
+    int16_t temperature;  // 0.01 degC
 };
 
 uint8_t message_status_encode(const struct message_status *message, uint32_t sequence,
@@ -425,7 +427,7 @@ enum message_result message_status_decode(const uint8_t *content, uint8_t length
                                           struct message_status *out);
 bool message_status_take(const uint8_t *content, uint8_t length,
                          struct message_status *out);
-extern message_layout message_status_layout[36];
+extern message_layout message_status_layout[38];
 
 struct message_equipment {
     uint8_t clock;     // enum clock

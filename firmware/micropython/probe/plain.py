@@ -216,7 +216,8 @@ class Probe:
         fused = self._streams.fused
         seen = self._uptime, self._edges, self._read, fused, self._overruns
         counts = self._faults, self._recoveries, self._commands
-        self._status.put(self._link, now, self._state(), seen, counts)
+        raw = self._raw
+        self._status.put(self._link, now, self._state(), seen, counts, raw)
         self._equipment.put(self._link, now)
 
     def _state(self):

@@ -37,8 +37,10 @@ class Status:
         """0: not known."""
         struct.pack_into("<H", self._content, wire.STATUS_SUPPLY, mv or 0xFFFF)
 
-    def put(self, link, now, state, seen, counts):
-        """`seen` and `counts`: numbers for _SEEN and _COUNTS."""
+    def put(self, link, now, state, seen, counts, raw):
+        """`seen` and `counts`: numbers for _SEEN and _COUNTS; `raw`: the last sample's
+        message.
+        """
         content = self._content
         mean_us = self._work_us // self._samples if self._samples else 0
         for place, value in zip(_SEEN, seen):  # noqa: B905 - has no strict there
@@ -54,5 +56,7 @@ class Status:
             struct.pack_into("<I", content, place, value)
         struct.pack_into("<H", content, wire.STATUS_COMMANDS_BAD, link.bad & 0xFFFF)
         content[wire.STATUS_STATE] = state
+        for at in range(2):
+            content[wire.STATUS_TEMPERATURE + at] = raw[wire.RAW_TEMPERATURE + at]
         link.put(content, len(wire.STATUS), now)
         self._work_us = self._worst_us = self._samples = 0

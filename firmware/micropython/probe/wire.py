@@ -8,14 +8,14 @@ Generated from schema.toml by protocol/generate.py.
 
 from micropython import const
 
-SEED = const(0x3511)  # of the CRC of all messages but hello
+SEED = const(0xC6E9)  # of the CRC of all messages but hello
 HELLO_SEED = const(0xFFFF)
 
 # protocol_version, schema_fingerprint, firmware, board, probe_id, sensor, who_am_i,
 # mag_adjust, self_test, sample_rate, pose_rate, raw_rate, acc_lsb, gyr_lsb, mag_lsb,
 # boot_count, reset_cause, filter, reset_address, params_digest, own_field, own_sigma
 HELLO = (
-    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\x11\x35\xb3\x03"
+    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\xe9\xc6\x81\x0f"
     b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00"
     b"\x00\x04\x00\x05\x00\x00\x00\x00\x00\x00\x00\x00\x06\x00\x07\x00"
     b"\x00\x08\x00\x00\x00\x09\x00\x0a\x00\x00\x0b\x00\x00\x0c\x00\x00"
@@ -80,13 +80,13 @@ EVENT_DETAIL = const(14)
 
 # uptime, state, samples_ready, samples_read, samples_fused, overruns, bus_faults,
 # bus_recoveries, messages_sent, messages_dropped, commands_received, commands_bad,
-# cycles_mean, cycles_worst, stack_free, supply, receive_lost
+# cycles_mean, cycles_worst, stack_free, supply, receive_lost, temperature
 STATUS = (
     b"\x0a\x00\x00\x00\x00\x00\x00\x00\x00\x32\x00\x00\x00\x00\x33\x00"
     b"\x34\x00\x00\x00\x00\x35\x00\x00\x00\x00\x36\x00\x00\x00\x00\x37"
     b"\x00\x00\x00\x00\x38\x00\x00\x39\x00\x00\x3a\x00\x00\x00\x00\x3b"
     b"\x00\x00\x00\x00\x3c\x00\x00\x3d\x00\x00\x3e\x00\x00\x00\x00\x3f"
-    b"\x00\x00\x00\x00\x40\xff\xff\x41\xff\xff\x42\x00\x00"
+    b"\x00\x00\x00\x00\x40\xff\xff\x41\xff\xff\x42\x00\x00\x43\x00\x80"
 )
 STATUS_UPTIME = const(10)
 STATUS_STATE = const(15)
@@ -105,6 +105,7 @@ STATUS_CYCLES_WORST = const(64)
 STATUS_STACK_FREE = const(69)
 STATUS_SUPPLY = const(72)
 STATUS_RECEIVE_LOST = const(75)
+STATUS_TEMPERATURE = const(78)
 
 # clock, battery, power, radio, radio_resets, card, card_block, card_blocks,
 # card_faults, card_busy, recording, messages_logged, messages_unlogged

@@ -183,6 +183,8 @@ class Intake:
             entry.temperature_c = record.values["temperature_c"]
         elif message.name == "status":
             entry.counters = dict(message.fields)
+            warmth = message.fields["temperature"]
+            entry.temperature_c = warmth if isinstance(warmth, float) else None
             entry.counters_sequence = message.sequence
             follow_status(entry)
         elif message.name == "equipment":

@@ -99,6 +99,9 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     for name in SENSORS:
         summed[name] = {"is_calibrated": described[name] is not None}
         summed[name]["condition"] = conditions[name].value
+    if not entry.counters:  # its temperature comes with its first status
+        unknown = Condition.UNKNOWN_TEMPERATURE
+        cared_for = {name: of for name, of in cared_for.items() if of != unknown}
     summed |= {"advice": advice(cared_for), "flags": flags_of(cared_for)}
     for name in (*SENSORS, "tip"):
         values = described[name] or {}

@@ -92,7 +92,7 @@ class ProbeEntry:
         self.pose: Mapping[str, Any] = {}
         self.aim: Aim | None = None  # what it is to be brought to
         self.closer = PathCloser()
-        self.temperature_c: float | None = None  # of the last raw sample
+        self.temperature_c: float | None = None  # of the last raw sample, or status
         self.poses = 0
         self.poses_before = 0  # at the last tick
         self.pose_rate_hz = 0.0

@@ -23,6 +23,7 @@ class Condition(StrEnum):
     UNCALIBRATED = "uncalibrated"  # or nobody knows how well it is
     OLD = "old"
     OTHER_TEMPERATURE = "other temperature"
+    UNKNOWN_TEMPERATURE = "unknown temperature"  # then, or now
     CALIBRATED = "calibrated"
 
 
@@ -32,6 +33,10 @@ _WORDS = {
     Condition.OLD: "calibrated over a year ago: imud calibrate verify",
     Condition.OTHER_TEMPERATURE: (
         "calibrated at another temperature: imud calibrate verify"
+    ),
+    Condition.UNKNOWN_TEMPERATURE: (
+        "perhaps calibrated at another temperature, which nobody knows: imud calibrate "
+        "verify"
     ),
 }
 _FLAGS = {
@@ -71,6 +76,6 @@ def condition_of(
     if day is not None and (today - day).days > OLD_DAYS:
         return Condition.OLD
     if calibrated_c is None or temperature_c is None:
-        return Condition.CALIBRATED
+        return Condition.UNKNOWN_TEMPERATURE
     is_near = abs(temperature_c - calibrated_c) <= APART_DEGC
     return Condition.CALIBRATED if is_near else Condition.OTHER_TEMPERATURE

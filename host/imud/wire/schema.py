@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0x03B33511
-SEED = 0x3511  # of the CRC of all messages but hello
+FINGERPRINT = 0x0F81C6E9
+SEED = 0xC6E9  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -385,6 +385,7 @@ MESSAGES = (
             Field("stack_free", 64, "u16", unit="bytes", null=65535),
             Field("supply", 65, "u16", unit="mV", null=65535),
             Field("receive_lost", 66, "u16"),
+            Field("temperature", 67, "i16", scale=0.01, unit="degC", null=-32768),
         ),
     ),
     MessageType(

@@ -174,7 +174,7 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             "is_known": True,
             "acc": {
                 "is_calibrated": True,
-                "condition": "calibrated",
+                "condition": "unknown temperature",
                 "sigma_m_s2": 0.012,
                 "day": None,
                 "method": "positions",

@@ -47,9 +47,16 @@ def test_a_calibration_holds_near_its_temperature(sign):
     assert after(0, GOOD, warmer) == Condition.OTHER_TEMPERATURE
 
 
-def test_what_is_not_known_is_no_reproach():
-    assert after(0, GOOD, None) == Condition.CALIBRATED
-    assert after(0, GOOD | {"temperature_c": None}, 90.0) == Condition.CALIBRATED
+def test_a_temperature_that_is_not_known_is_never_called_good():
+    unknown = Condition.UNKNOWN_TEMPERATURE
+    assert after(0, GOOD, None) == unknown
+    assert after(0, GOOD | {"temperature_c": None}, 90.0) == unknown
+    assert after(OLD_DAYS + 1, GOOD, None) == Condition.OLD
+    assert "which nobody knows" in advice({"acc": unknown})
+    assert flags_of({"acc": unknown}) == ()
+
+
+def test_a_day_that_is_not_known_is_no_reproach():
     assert after(9999, GOOD | {"day": None}, 25.0) == Condition.CALIBRATED
 
 
