@@ -12,6 +12,8 @@ enum {
     OWN_GOOD = ROUNDED(16 * SQUARE(FUSE_OWN_GOOD_SIGMA_UT)),
     OWN_CALIBRATED = ROUNDED(16 * SQUARE(FUSE_OWN_CALIBRATED_SIGMA_UT)),
     OWN_SIGMA_MAX = ROUNDED(FUSE_OWN_UNKNOWN_SIGMA_UT * 100),  // 0.01 uT
+    // So many squares of 1.28 K add one to the variance.
+    OWN_WARMTH_PART = ROUNDED(1 / (16 * SQUARE(FUSE_OWN_WARMTH_UT_K * 1.28))),
     OWN_UNIT_BITS = 15,  // from 16ths of 1 uT2 to q13_19
     SURPRISE_WINDOWS = FUSE_WINDOWS(FUSE_SURPRISE_TAU_S),
     ASTRAY_WINDOWS = FUSE_WINDOWS(FUSE_ASTRAY_TAU_S),
@@ -176,7 +178,9 @@ NOINLINE static void learn_place(struct fuse *fuse) {
     fuse->state.is_own_unknown =
         fuse->state.field_plain > 0 ||
         (fuse->state.doubts & (FUSE_IMPOSSIBLE | FUSE_UNLIKE)) != 0;
-    int16_t variance = fuse->settings.own_variance;
+    const uint16_t warmth = (uint16_t)(fuse->state.warmth * fuse->state.warmth);
+    int16_t variance =
+        (int16_t)(fuse->settings.own_variance + (int16_t)(warmth / OWN_WARMTH_PART));
     if (fuse->state.is_own_unknown) {
         variance = OWN_UNKNOWN;
     }
