@@ -13,17 +13,19 @@ import numpy as np
 
 from imud import rotation
 from imud.body import level
-from imud.body.stance import CALM, StanceDetector
+from imud.body.stance import StanceDetector
 from imud.body.tracks import BoolArray, Track
 from imud.body.zero_velocity import SAME_S, Step, ZeroVelocity, smoothed
 from imud.rotation import FloatArray
 
 REST_S = 0.02  # of less, so many seconds make a rest
 SWING_S = 0.15  # a shorter pause between rests is none
-SURE_S = 0.4  # so long at CALM, and it stands, whatever its speed seems
+# So calm for so long, and it stands, whatever its speed seems; at first for longer.
+SURE, SURE_S, FIRST_S = 1.0, 0.15, 0.4
 GAP_S = 0.1  # without samples, and nobody knows where it is
 TURNS_RAD_S = math.radians(0.05)  # a heading drifts by so much while it is carried on
 RATE_RANGE_RAD_S, FORCE_RANGE_M_S2 = math.radians(240.0), 19.0  # the least there is
+MISSED_S = 1.2  # without a rest, and one was missed by who ever runs
 LONG_S = 3.0  # without a rest its place is hardly known
 # What a foot that stands is pushed by, it also moves by: m/s for a root of an energy.
 MOVES_S = 0.01
@@ -74,8 +76,10 @@ class Walker:
         self.landed = None
         self.stance.update(step_s, gyr, acc)
         self._calm_s = self._calm_s + step_s if self.stance.is_calm else 0.0
-        is_sure = self.stance.energy < CALM
+        is_sure = self.stance.energy < SURE
         self._sure_s = self._sure_s + step_s if is_sure else 0.0
+        if self._sure_s >= SURE_S and self.filter is not None:
+            self.filter.weigh(acc, step_s)
         step = None
         if self.filter is not None:
             step = self.filter.advance(step_s, gyr, acc, is_clipped=is_clipped)
@@ -84,7 +88,7 @@ class Walker:
             return step
         if self.filter is not None:
             self._stand(self.filter, time_s, gyr, pose)
-        elif self._sure_s >= SURE_S:
+        elif self._sure_s >= FIRST_S:
             quat, tilt, heading = pose
             known = heading if math.isfinite(heading) else 0.0
             self.filter = ZeroVelocity(quat, tilt, known)
@@ -106,7 +110,7 @@ class Walker:
             return
         # What glides off from a rest, and feels no more than one that stands, is not
         # sure of it either.
-        is_sure = is_new and self._sure_s >= SURE_S
+        is_sure = is_new and (self._sure_s >= SURE_S or self._is_due(time_s, sigma))
         if not filter_.agrees(gyr, sigma, is_new=is_new, must=is_sure):
             self.is_down = False
             if not is_new:
@@ -126,6 +130,15 @@ class Walker:
             self.rest.end_s, self.rest.place = time_s, filter_.place
             self.rest.moves_m_s = min(self.rest.moves_m_s, sigma)
             self.rest.sigmas = self.sigmas
+
+    def _is_due(self, time_s: float, sigma: float) -> bool:
+        """Whether it stands as calmly as at its last rests, of which some were missed:
+        then it is the speed that is wrong.
+        """
+        rest = self.rest
+        if rest is None or self.before is None or time_s - rest.end_s < MISSED_S:
+            return False
+        return sigma < max(rest.moves_m_s, self.before.moves_m_s)
 
     def _begin(self, begin_s: float) -> None:
         """A rest."""

@@ -44,7 +44,7 @@ class Sight:
     lasts_s: float
 
 
-def magnetic(sigmas: FloatArray, apart: float) -> Sight:
+def magnetic(sigmas: FloatArray, apart: float = 0.0) -> Sight:
     """The headings that both probes state, (n, 2) rad, NaN without reference; `apart`:
     by how much the north of both places differs, rad rms.
     """

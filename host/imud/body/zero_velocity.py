@@ -31,6 +31,7 @@ LEVER_SIGMA_M = 0.08
 FORCE_NOISE, RATE_NOISE = 0.02, math.radians(0.02)
 FORCE_SHARE, RATE_SHARE = 0.006, 0.002
 BIAS_WANDER = math.radians(0.01)
+WEIGH_S = 0.3  # in which gravity is weighed
 LEVER_WANDER_M = 0.03  # over a root of rests
 # Of samples at the end of the range nobody knows how much more there was.
 CLIPPED_M_S2, CLIPPED_RAD_S = 100.0, 10.0
@@ -84,6 +85,7 @@ class ZeroVelocity:
         sigmas[BIAS] = BIAS_SIGMA_RAD_S
         sigmas[LEVER] = LEVER_SIGMA_M
         self.covariance = np.diag(sigmas**2)
+        self._gravity = GRAVITY_M_S2
         self.stretch = 1.0  # of the noise, by how speeds agreed: a variance's factor
         self._last: tuple[FloatArray, FloatArray] | None = None
         self._was_clipped = False
@@ -105,7 +107,7 @@ class ZeroVelocity:
         axes = _matrix(turned)
         force = (_matrix(self.quat) @ last_acc + axes @ acc) / 2.0
         pull = force.copy()
-        pull[2] -= GRAVITY_M_S2
+        pull[2] -= self._gravity
         transition = EYE.copy()
         leaning = _cross(force) * -step_s
         transition[PLACE, SPEED] = EYE[PLACE, PLACE] * step_s
@@ -142,6 +144,13 @@ class ZeroVelocity:
         found[ATTITUDE] = turn
         found[BIAS] = BIAS_WANDER**2 * step_s
         return found * self.stretch
+
+    def weigh(self, acc: FloatArray, step_s: float) -> None:
+        """A sample of a foot that surely stands: an accelerometer that is off by some
+        mg along gravity would lift the path stride by stride.
+        """
+        off = float(np.linalg.norm(acc)) - self._gravity
+        self._gravity += off * min(1.0, step_s / WEIGH_S)
 
     def agrees(
         self, gyr: FloatArray, sigma: float, *, is_new: bool, must: bool
