@@ -91,3 +91,9 @@ def spread(random: np.random.Generator, count: int) -> FloatArray:
     """Attitudes as matrices, each as likely as any other."""
     quats = random.standard_normal((count, 4))
     return rotation.to_matrix(units(quats))
+
+
+def triple(vector: FloatArray) -> tuple[float, float, float]:
+    """A vector (3,) as plain numbers."""
+    x, y, z = map(float, vector)
+    return x, y, z

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,3 +83,11 @@ class Blocks:
 def find_stops(recording: SensorRecording) -> list[StaticInterval]:
     """The stretches of a recording in which the probe lay still, in order."""
     return Blocks.of(recording).stops()
+
+
+def lasting(
+    stops: Iterable[StaticInterval], recording: SensorRecording, seconds: float
+) -> list[StaticInterval]:
+    """Those that last so long, but for half a block."""
+    least = seconds - BLOCK_S / 2
+    return [each for each in stops if len(each) * recording.step_s >= least]

@@ -119,10 +119,29 @@ def test_who_does_not_listen_is_refused_with_a_cure(name: str, kind: str) -> Non
         fed(procedure, sampler.samples(piece))
         if procedure.is_over or procedure.status().seconds > 60.0:
             break
+    (asked,) = procedure.end()
+    assert isinstance(asked, Troubled)
+    assert asked.fault.kind == kind
+    assert not procedure.is_over
     (refused,) = procedure.end()
     assert isinstance(refused, FitRefused)
-    assert refused.fault.kind == kind
+    assert refused.fault == asked.fault
     assert refused.fault.cure
+
+
+def test_who_had_enough_too_early_is_told_which_poses_are_missing_and_ends_well() -> (
+    None
+):
+    """Five poses are too few; the guide asks, and who goes on is calibrated."""
+    procedure, recorded = Procedure(SCALE, wants_housing=False), samples(module(), 12)
+    told, rest = [], list(recorded)
+    while len(procedure.ups) < 5 and rest:
+        told += procedure.feed(rest.pop(0))
+    told += procedure.end()
+    assert isinstance(told[-1], Troubled)
+    assert procedure.status().trouble is not None
+    told += fed(procedure, rest)
+    assert isinstance(told[-1], Finished)
 
 
 @pytest.mark.nightly

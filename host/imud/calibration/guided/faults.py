@@ -147,6 +147,10 @@ def of_room(fit: ModuleFit, earth: Earth | None) -> CalibrationFault | None:
     return of_field(mag, fit.score.heading_deg) or other
 
 
+# Faults of who has not laid it often enough: more poses are the cure.
+LACKS = frozenset({"too_few", "missing_poses", "weak_heading"})
+
+
 def of_score(
     fit: ModuleFit | None, stops: int, *, has_mag: bool
 ) -> CalibrationFault | None:

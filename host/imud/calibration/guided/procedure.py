@@ -16,7 +16,7 @@ import numpy as np
 
 from imud.calibration import accelerometer, poses
 from imud.calibration.accelerometer import AccFit
-from imud.calibration.algebra import units
+from imud.calibration.algebra import triple, units
 from imud.calibration.earth import Earth
 from imud.calibration.faults import CalibrationFault
 from imud.calibration.guided import faults, housing, whole
@@ -36,7 +36,7 @@ from imud.calibration.mount import ASSUMED, PLAIN, ModuleMount, MountError
 from imud.calibration.mounting import MountFinder
 from imud.calibration.poses import StaticPose
 from imud.calibration.recording import Gatherer, Sample, Scale, SensorRecording
-from imud.calibration.stops import BLOCK_S, Blocks, StaticInterval
+from imud.calibration.stops import BLOCK_S, Blocks, StaticInterval, lasting
 from imud.rotation import FloatArray
 
 GOOD_S = 1.5  # of stillness: then the pose counts; more makes it better
@@ -96,6 +96,7 @@ class Procedure:
     _stops: list[StaticInterval] = field(default_factory=list)
     _checked: int = 0
     _first_down: StaticInterval | None = None
+    _has_asked: bool = False  # for poses that are missing, when the user had enough
     _finder: MountFinder = field(default_factory=MountFinder)
 
     def __post_init__(self) -> None:
@@ -118,12 +119,20 @@ class Procedure:
         return self._look(self._gatherer.recording())
 
     def end(self) -> list[Event]:
-        """The user has had enough: what there is, is judged."""
+        """The user has had enough: what there is, is judged. Who lacks poses is told
+        which, once, and may go on.
+        """
         if self.is_over:
             return []
         if self.is_mount_alone:
             return [self._refuse(faults.TOO_FEW_FOR_MOUNT)]
-        return [self._judge(self._gatherer.recording())]
+        before = self.phase
+        judged = self._judge(self._gatherer.recording())
+        is_lack = isinstance(judged, FitRefused) and judged.fault.kind in faults.LACKS
+        if self.trouble is None or self._has_asked or not is_lack:
+            return [judged]
+        self._has_asked, self.phase = True, before
+        return self._trouble(self.trouble)
 
     def recording(self) -> SensorRecording:
         """All that it was fed."""
@@ -143,7 +152,7 @@ class Procedure:
         if self._stillness is Stillness.COUNTS or seconds < GOOD_S:
             return []
         self._stillness = Stillness.COUNTS
-        self._stops = [s for s in blocks.stops() if _is_long(s, recording)]
+        self._stops = lasting(blocks.stops(), recording, GOOD_S)
         return self._add_stop(recording)
 
     def _move(self, recording: SensorRecording) -> list[Event]:
@@ -181,7 +190,7 @@ class Procedure:
         is_new = all(other @ up < ALIKE for other in self.ups)
         if is_new:
             self.ups.append(up)
-        events: list[Event] = [PoseTaken(len(self.ups), _triple(up), is_new)]
+        events: list[Event] = [PoseTaken(len(self.ups), triple(up), is_new)]
         self.wanted = poses.wanted(self.fit.acc if self.fit else self._early(recording))
         if self.fit is not None:
             spoilt = faults.of_room(self.fit, self.earth)
@@ -209,7 +218,7 @@ class Procedure:
             return self._trouble(faults.not_as_asked(error))
         self.ups.append(asked.up)
         self.wanted = StaticPose(self._finder.asked)
-        events: list[Event] = [PoseTaken(len(self.ups), _triple(asked.up), True)]
+        events: list[Event] = [PoseTaken(len(self.ups), triple(asked.up), True)]
         if found is None:
             return events
         if self.is_mount_alone:
@@ -284,8 +293,7 @@ class Procedure:
         self, recording: SensorRecording, turn: FloatArray | None = None
     ) -> Event:
         """The last word: a last fit, of all stops."""
-        stops = [s for s in Blocks.of(recording).stops() if _is_long(s, recording)]
-        self._stops = stops
+        stops = self._stops = lasting(Blocks.of(recording).stops(), recording, GOOD_S)
         self.fit = whole.fit(recording, stops)
         wrong = faults.of_module(recording, stops, self.fit) or self._weakness()
         if wrong is not None or self.fit is None:
@@ -311,7 +319,7 @@ class Procedure:
             self._instruction(),
             len(self.ups),
             self.count,
-            tuple(map(_triple, self.ups)),
+            tuple(map(triple, self.ups)),
             self.wanted.name if not self.is_over else None,
             None if self.mount is None else self.mount.told(),
             is_still,
@@ -339,12 +347,3 @@ class Procedure:
         if done == 0:
             return "Lay it still, base down."
         return f"Good ({done} of {of}). Now lay it {self.wanted.words}."
-
-
-def _is_long(stop: StaticInterval, recording: SensorRecording) -> bool:
-    return len(stop) * recording.step_s >= GOOD_S - BLOCK_S / 2
-
-
-def _triple(vector: FloatArray) -> tuple[float, float, float]:
-    x, y, z = map(float, vector)
-    return x, y, z
