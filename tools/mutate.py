@@ -14,6 +14,7 @@ example: make mutate ROOM=math SEED=7 COUNT=20
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import random
@@ -119,6 +120,10 @@ def _tell(room: str, verdicts: Sequence[Verdict]) -> int:
     return 1 if missed else 0
 
 
+_SITE = """\
+import sys
+sys.meta_path[:] = [f for f in sys.meta_path if "ScikitBuild" not in type(f).__name__]
+"""
 _WORDS = ("noticed", "unnoticed", "equivalent", "not compiled")
 
 
@@ -157,7 +162,7 @@ def _try(tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]])
     groups = list(_tests_of(change, counted))
     # The host's own C is not built again for each change of the firmware.
     is_host = change.path.is_relative_to(HOST)
-    plain = {"PYTHONPATH": str(tree / "host")} if is_host else {}
+    plain = host_environment(tree) if is_host else {}
     runs = [(tests, plain) for tests in groups]
     if not is_host and groups:
         # What reaches beyond an array shows in `make test`, under this sanitizer.
@@ -169,6 +174,16 @@ def _try(tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]])
         if code != 0:
             return "noticed"
     return "unnoticed"
+
+
+def host_environment(tree: Path) -> dict[str, str]:
+    """With which Python loads the package of that copy. It would load the one that is
+    installed, the unchanged source, if its finder were left in place.
+    """
+    site = WORK / "site" / "sitecustomize.py"
+    site.parent.mkdir(parents=True, exist_ok=True)
+    site.write_text(_SITE, "utf-8")
+    return {"PYTHONPATH": f"{site.parent}:{tree / 'host'}"}
 
 
 def _tests_of(
@@ -221,9 +236,11 @@ def _tree(number: int) -> Path:
         text=True,
         check=True,
     ).stdout.split("\0")
-    built = [str(p.relative_to(ROOT)) for p in (ROOT / HOST).glob("*.so")]
-    for name in (*filter(None, listed), *built):
-        source, target = ROOT / name, tree / name
+    core = importlib.util.find_spec("imud._core")
+    files = [(ROOT / name, tree / name) for name in filter(None, listed)]
+    if core is not None and core.origin is not None:
+        files.append((Path(core.origin), tree / HOST / Path(core.origin).name))
+    for source, target in files:
         if not source.is_file():
             continue
         if target.is_file() and target.read_bytes() == source.read_bytes():

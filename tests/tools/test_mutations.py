@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools"))
+import mutate
 import mutations
 
 C = """\
@@ -67,3 +70,16 @@ def test_of_python(tmp_path: Path) -> None:
         (line, line.replace("3", "4")),
         ("return True", "return False"),
     }
+
+
+def test_tests_of_a_changed_host_run_the_copy_and_not_what_is_installed(
+    tmp_path: Path,
+) -> None:
+    package = tmp_path / "host" / "imud"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("CHANGED = True\n")
+    subprocess.run(
+        [sys.executable, "-c", "import imud; assert imud.CHANGED"],
+        env=os.environ | mutate.host_environment(tmp_path),
+        check=True,
+    )
