@@ -58,20 +58,27 @@ def payload(sample: Sample) -> bytes:
 
 
 def states(
-    kind: str, samples: Sequence[Sample], params: Params | None = None, *, ends: bool
+    kind: str,
+    samples: Sequence[Sample],
+    params: Params | None = None,
+    *,
+    ends: int,
 ) -> list[dict[str, Any]]:
-    """What a calibrator says of these samples."""
+    """What a calibrator says of these samples, and if it is then ended so often."""
     known = params.encode().hex() if params is not None else ""
     task = Task(PROBE, kind, SCALE, True, known, "")  # type: ignore[arg-type] # a Kind
     lines = [calibrator._encode(task), *map(payload, samples)]
-    lines += [calibrator._encode(End())] if ends else []
+    lines += [calibrator._encode(End())] * ends
     out = io.BytesIO()
     calibrator.run(io.BytesIO(b"\n".join(lines) + b"\n"), out)
     return [json.loads(line) for line in out.getvalue().splitlines()]
 
 
 def test_too_little_is_refused_with_the_reason() -> None:
-    *_, last = states("all", calibrating()[:1500], ends=True)
+    *_, asked = states("all", calibrating()[:1500], ends=1)
+    assert asked["phase"] == "running"
+    assert "; lay it on its right side" in asked["trouble"]
+    *_, last = states("all", calibrating()[:1500], ends=2)
     assert last["phase"] == "refused"
     assert last["outcome"] is None
     assert "; " in last["why"]
@@ -79,7 +86,7 @@ def test_too_little_is_refused_with_the_reason() -> None:
 
 def test_a_restart_of_the_probe_is_refused() -> None:
     found = calibrating()
-    *_, last = states("acc", [*found[:500], *found[:5]], ends=False)
+    *_, last = states("acc", [*found[:500], *found[:5]], ends=0)
     assert (last["phase"], last["why"]) == (
         "refused",
         "the probe restarted; begin again",
@@ -88,7 +95,7 @@ def test_a_restart_of_the_probe_is_refused() -> None:
 
 @pytest.mark.parametrize(("kind", "what"), [("mag", "ellipsoid"), ("verify", "says")])
 def test_a_wave_and_a_check_tell_how_they_do(kind: str, what: str) -> None:
-    *_, last = states(kind, waved(20.0), ends=True)
+    *_, last = states(kind, waved(20.0), ends=1)
     assert last["kind"] == kind
     assert last["phase"] in ("done", "refused")
     assert last[what]
@@ -97,7 +104,7 @@ def test_a_wave_and_a_check_tell_how_they_do(kind: str, what: str) -> None:
 def test_a_mounting_is_found_told_and_shown(browser: Browser) -> None:
     turned = named("back,left")
     samples = [turned_over(each, turned) for each in mounting_poses()]
-    *_, last = states("mount", samples, ends=False)
+    *_, last = states("mount", samples, ends=0)
     assert last["phase"] == "done"
     assert last["outcome"]["mount"]["words"] == turned.words
     params = Params.decode(bytes.fromhex(last["outcome"]["records"]))
@@ -133,7 +140,7 @@ def turned_over(sample: Sample, mount: ModuleMount) -> Sample:
 def test_a_tip_is_found_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tip_guide, "FIT_S", 2.5)
     samples = wobbled(Wobble(), 26.0)
-    *_, last = states("tip", samples, CALIBRATED, ends=False)
+    *_, last = states("tip", samples, CALIBRATED, ends=0)
     assert (last["phase"], last["step"], last["says"]) == ("done", "done", "Done.")
     assert len(last["leans_deg"]) == 8
     found = last["outcome"]["tip"]
@@ -142,7 +149,7 @@ def test_a_tip_is_found_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     tip = Params.decode(bytes.fromhex(last["outcome"]["records"])).tip
     assert tip is not None
     assert tip.offset_m == pytest.approx(found["offset_m"], abs=1e-6)
-    *_, last = states("tip", samples[:1200], CALIBRATED, ends=True)
+    *_, last = states("tip", samples[:1200], CALIBRATED, ends=1)
     assert last["phase"] == "refused"
     assert "too little" in last["why"]
 
