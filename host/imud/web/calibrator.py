@@ -78,12 +78,13 @@ def run(lines: BinaryIO, out: BinaryIO) -> None:
     told_s = 0.0
     for line in lines:
         message = decode(line)
+        is_asked = isinstance(message, End)
         if isinstance(message, End):
             session.end()
         else:
             session.feed(sample_of(message))
         now_s = time.monotonic()
-        if session.is_over or now_s - told_s >= STATE_S:
+        if session.is_over or is_asked or now_s - told_s >= STATE_S:
             told_s = now_s
             out.write(_encode(about | session.state()) + b"\n")
             out.flush()

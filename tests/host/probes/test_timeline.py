@@ -96,6 +96,15 @@ def test_utc_that_was_set_back_by_far_begins_a_timeline_at_once() -> None:
     assert (timeline.number, timeline.steps) == (2, 1)
 
 
+def test_a_clock_that_is_slewed_is_followed_and_no_step_is_told() -> None:
+    timeline = Timeline(1000 * SECOND)
+    assert timeline.follow(SECOND, 1001 * SECOND, SECOND) == 0
+    ahead_ns = READING_NS + 1
+    assert timeline.follow(2 * SECOND, 1002 * SECOND + ahead_ns, 2 * SECOND) == 0
+    assert timeline.utc(2 * SECOND + 1) == 1002 * SECOND + ahead_ns + 1
+    assert (timeline.steps, timeline.last_step_ns) == (0, 0)
+
+
 def test_a_reading_that_took_long_is_left_out() -> None:
     timeline = Timeline(0)
     assert timeline.follow(0, SECOND, READING_NS + 1) == 0
