@@ -17,6 +17,7 @@ from fakes import PATIENCE_S
 from guarded import Guarded
 from imud.client import Client
 from imud.endpoint import host_and_port, network_of
+from imud.net import doorman
 from imud.net.guard import UNFINISHED_OF_ONE
 from imud.net.strangers import (
     FAILURES,
@@ -128,3 +129,17 @@ def test_a_network_of_ipv6_counts_as_one_address() -> None:
     assert network_of("2001:db8:0:1::1") != network_of("2001:db8::1")
     assert network_of("::ffff:192.0.2.1") == network_of("192.0.2.1")
     assert network_of("fe80::1%eth0") == network_of("fe80::2")
+
+
+def test_of_many_who_came_the_newest_names_are_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(doorman, "KNOWN_MAX", 3)
+    made = doorman.Doorman([], lambda *_: None)
+    try:
+        for each in range(5):
+            made._hear(["came", f"127.0.0.1:{5000 + each}", f"192.0.2.1:{each}"])
+        told = made.name_of("127.0.0.1:5004, 127.0.0.1:5002, 127.0.0.1:5001")
+        assert told == "192.0.2.1:4, 192.0.2.1:2, 127.0.0.1:5001"
+    finally:
+        made.close()
