@@ -131,9 +131,9 @@
 #define FUSE_OWN_WANDER_UT2_S 1.9e-5      // growth of the variance: (0.26 uT)^2 an hour
 #define FUSE_OWN_WANDER_ASTRAY_UT2_S 16.0  // the same while readings say it has changed
 #define FUSE_OWN_KEPT_SIGMA_UT 3.0         // stored with it: 2 uT, and soft iron
-#define FUSE_OWN_WARMTH_UT_K 0.02          // sigma, a kelvin from the calibration; assumed
-#define FUSE_OWN_SURE_SIGMA_UT 2.0         // it is stored only if known this well
-#define FUSE_OWN_SURPRISE_MAX_UT 6.0       // and readings fit: soft iron of 4 % does
+#define FUSE_OWN_WARMTH_UT_K 0.01726  // sigma, a kelvin from its calibration; assumed
+#define FUSE_OWN_SURE_SIGMA_UT 2.0    // it is stored only if known this well
+#define FUSE_OWN_SURPRISE_MAX_UT 6.0  // and readings fit: soft iron of 4 % does
 
 // Readings that surprise: their distance from the expected field.
 #define FUSE_SURPRISE_UT 3.0       // its unit
