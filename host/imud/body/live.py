@@ -31,6 +31,7 @@ from imud.body.state import (
     SegmentState,
     Stage,
     Vector,
+    vector,
 )
 from imud.body.tracks import GAP_S, Track
 from imud.rotation import FloatArray, Quat
@@ -323,10 +324,7 @@ def _nothing(times_s: FloatArray) -> Track:
 
 
 def _place(place: FloatArray | None) -> Vector | None:
-    if place is None or not np.isfinite(place).all():
-        return None
-    x, y, z = (round(each, 4) for each in place[0].tolist())
-    return x, y, z
+    return None if place is None else vector(place[0])
 
 
 def _named(child: Segment, rad: FloatArray) -> dict[str, float] | None:

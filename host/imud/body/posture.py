@@ -26,7 +26,7 @@ WOBBLE = math.radians(1.3)
 # Headings in step take up most of what a wrong facing does while a person stands.
 FACING_SHARE = 0.25
 # An angle whose error is larger than this is not stated.
-UNKNOWN = math.radians(30.0)
+WITHHELD = math.radians(30.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def of(
             1.0 if joint.joint.freedom else FACING_SHARE,
         )
         if joint.joint.freedom:
-            is_unknown = found.sigmas[name] > UNKNOWN
+            is_unknown = found.sigmas[name] > WITHHELD
             found.angles[name][is_unknown] = found.sigmas[name][is_unknown] = np.nan
     return found
 

@@ -11,6 +11,9 @@ from __future__ import annotations
 from typing import Literal
 
 import msgspec
+import numpy as np
+
+from imud.rotation import FloatArray
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -74,3 +77,11 @@ class BodyState(msgspec.Struct, frozen=True, kw_only=True):
     remarks: tuple[str, ...]
     segments: tuple[SegmentState, ...]
     joints: tuple[JointState, ...]
+
+
+def vector(values: FloatArray) -> Vector | None:
+    """Three lengths in m, to 0.1 mm; None where they are not known."""
+    if not np.isfinite(values).all():
+        return None
+    x, y, z = (round(each, 4) for each in values.tolist())
+    return x, y, z

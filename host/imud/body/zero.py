@@ -84,19 +84,18 @@ def mounted(
 def remarks(chain: Chain, mounts: Mapping[str, Mount]) -> list[str]:
     """Which angles have no zero, and the motion that would show it."""
     return [
-        f"{child.name}: the zero of its {_angles(child)} is not known: turn the whole, "
+        f"{child.name}: the zero of its {_what(child)} is not known: turn the whole, "
         f"so that the axis between {parent.name} and {child.name} lies level for some "
         "seconds, or use magnetometers"
         for parent, child in chain.joints()
         if child.joint.freedom
         and child.name in mounts
-        and mounts[child.name].facing_sigma > posture.UNKNOWN
+        and mounts[child.name].facing_sigma > posture.WITHHELD
     ]
 
 
-def _angles(child: Segment) -> str:
-    names = child.joint.angles
-    return f"{names[0]}" if len(names) == 1 else "angles"
+def _what(child: Segment) -> str:
+    return "angle" if child.joint.freedom == 1 else "angles"
 
 
 def signed(

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
+from imud.calibration.algebra import skew
+from imud.calibration.recording import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
-GRAVITY_M_S2 = 9.80665
 PLACE, SPEED, ATTITUDE, BIAS, LEVER = (slice(3 * at, 3 * at + 3) for at in range(5))
 STATES = 15
 
@@ -109,7 +110,7 @@ class ZeroVelocity:
         pull = force.copy()
         pull[2] -= self._gravity
         transition = EYE.copy()
-        leaning = _cross(force) * -step_s
+        leaning = skew(force) * -step_s
         transition[PLACE, SPEED] = EYE[PLACE, PLACE] * step_s
         transition[SPEED, ATTITUDE] = leaning
         transition[PLACE, ATTITUDE] = leaning * (step_s / 2.0)
@@ -185,7 +186,7 @@ class ZeroVelocity:
         """A foot that stands turns about where it touches the ground: what its speed
         shows of the states, and by how much it is off, m/s.
         """
-        moves = _matrix(self.quat) @ _cross(gyr - self.bias)
+        moves = _matrix(self.quat) @ skew(gyr - self.bias)
         shown = EYE[SPEED].copy()
         shown[:, LEVER] = -moves
         return shown, moves @ self.lever - self.speed
@@ -237,11 +238,6 @@ def smoothed(
         variances = np.diag(covariance)[PLACE]
         sigmas[index] = np.sqrt(np.maximum(variances, 0.0))
     return changes, sigmas
-
-
-def _cross(vector: FloatArray) -> FloatArray:
-    x, y, z = vector.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _matrix(quat: FloatArray) -> FloatArray:
