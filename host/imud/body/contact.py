@@ -31,6 +31,10 @@ LONG_S = 3.0  # without a rest its place is hardly known
 MOVES_S = 0.01
 ALIKE = 0.4  # the share of it that is the same at each rest, and adds up
 
+# What a probe's own filter says: world_from_probe, one-sigma errors of tilt and heading
+# in rad; NaN: not known.
+Pose = tuple[FloatArray, float, float]
+
 
 @dataclass(slots=True)
 class Rest:
@@ -64,13 +68,12 @@ class Walker:
         time_s: float,
         step_s: float,
         measured: tuple[FloatArray, FloatArray],
-        pose: tuple[FloatArray, float, float],
+        pose: Pose,
         *,
         is_clipped: bool = False,
     ) -> Step | None:
         """A sample, `step_s` after the last: rates in rad/s and forces in m/s2 of the
-        probe; and what its own filter says: world_from_probe, one-sigma errors of tilt
-        and heading in rad. Returns the step of the place's filter, once it has begun.
+        probe. Returns the step of the place's filter, once it has begun.
         """
         gyr, acc = measured
         self.landed = None
@@ -78,21 +81,19 @@ class Walker:
         self._calm_s = self._calm_s + step_s if self.stance.is_calm else 0.0
         is_sure = self.stance.energy < SURE
         self._sure_s = self._sure_s + step_s if is_sure else 0.0
-        if self._sure_s >= SURE_S and self.filter is not None:
-            self.filter.weigh(acc, step_s)
+        quat, tilt, heading = pose
         step = None
         if self.filter is not None:
+            if self._sure_s >= SURE_S:
+                self.filter.weigh(acc, step_s)
             step = self.filter.advance(step_s, gyr, acc, is_clipped=is_clipped)
-        if self._calm_s < REST_S:
-            self.is_down = False
-            return step
-        if self.filter is not None:
-            self._stand(self.filter, time_s, gyr, pose)
-        elif self._sure_s >= FIRST_S:
-            quat, tilt, heading = pose
+        elif self._sure_s >= FIRST_S and np.isfinite(quat).all():
             known = heading if math.isfinite(heading) else 0.0
             self.filter = ZeroVelocity(quat, tilt, known)
             self._faced_s = time_s
+        if self._calm_s < REST_S:
+            self.is_down = False
+        elif self.filter is not None:
             self._stand(self.filter, time_s, gyr, pose)
         return step
 
@@ -101,7 +102,7 @@ class Walker:
         filter_: ZeroVelocity,
         time_s: float,
         gyr: FloatArray,
-        pose: tuple[FloatArray, float, float],
+        pose: Pose,
     ) -> None:
         """It seems to stand."""
         sigma = MOVES_S * math.sqrt(self.stance.energy)
@@ -206,7 +207,9 @@ class _Path:
         self.rests: list[tuple[int, int]] = []
         self.places: list[FloatArray] = []
         self.remarks: list[str] = []
-        self._swing: list[Step] = []  # since the last rest
+        # Since the last rest: steps, each with the row that it begins at.
+        self._swing: list[tuple[int, Step]] = []
+        self._row = 0  # the last that was kept
 
     def found(self) -> FootPath:
         track = self._track = faced(self._track)
@@ -251,17 +254,16 @@ class _Path:
         if walker.filter is None:
             return
         if step is not None:
-            self._swing.append(step)
+            self._swing.append((self._row, step))
+        self._row = row
         self.place[row] = walker.filter.place
         self.sigmas[row] = walker.sigmas
         if not walker.is_down:
             return
         if walker.landed is not None and self._swing:
             # What was said of the way since the last rest, by what is known now.
-            rows = slice(row - len(self._swing), row)
-            changes, sigmas = smoothed(
-                self._swing, walker.landed, walker.filter.covariance
-            )
+            rows, steps = map(list, zip(*self._swing, strict=True))
+            changes, sigmas = smoothed(steps, walker.landed, walker.filter.covariance)
             self.place[rows] += changes
             self.sigmas[rows] = np.hypot(sigmas, walker.same_m)
         self._swing = []

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,17 +10,15 @@ import numpy as np
 from imud import rotation
 from imud.body import contact
 from imud.body.chain import Chain
-from imud.body.contact import Walker
+from imud.body.contact import Pose, Walker
 from imud.body.history import ProbeHistory
 from imud.body.mounting import Mount
 from imud.body.stance import StanceDetector
-from imud.body.state import Contact, Vector
+from imud.body.state import Contact, vector
 from imud.body.tracks import Track
-from imud.body.zero_velocity import GRAVITY_M_S2
+from imud.calibration.recording import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
-# world_from_probe, one-sigma errors of tilt and heading in rad.
-Pose = tuple[FloatArray, float, float]
 TURNS_REST_S = 0.12  # of rates alone, which are those of some 25 poses a second
 UP = np.array([0.0, 0.0, GRAVITY_M_S2])
 
@@ -31,10 +28,11 @@ class Foot:
 
     def __init__(self) -> None:
         self._walker: Walker | None = None
-        self._turns = StanceDetector()  # of poses alone
-        self._calm_s = 0.0
-        self._rests = 0
         self._last_s: float | None = None
+        self._rests = 0  # before that walker
+        # Of poses alone, which tell no forces.
+        self._turns = StanceDetector()
+        self._calm_s = 0.0
         self._is_down = False
 
     def update(self, samples: FloatArray, pose: Pose) -> None:
@@ -51,26 +49,27 @@ class Foot:
                 self._walker = Walker()
             self._last_s = time_s
             self._walker.update(time_s, passed_s, (row[1:4], row[4:7]), pose)
-            self._count(self._walker.is_down)
 
     def turn(self, time_s: float, gyr: FloatArray) -> None:
         """A moment of a probe that sends poses alone: rates tell rests, no places."""
+        if self._walker is not None:
+            self.lose()
         passed_s = 0.0 if self._last_s is None else time_s - self._last_s
         self._last_s = time_s
         self._turns.update(passed_s, gyr, UP)
         self._calm_s = self._calm_s + passed_s if self._turns.is_calm else 0.0
-        self._count(self._calm_s >= TURNS_REST_S)
+        is_down = self._calm_s >= TURNS_REST_S
+        self._rests += is_down and not self._is_down
+        self._is_down = is_down
 
     def lose(self) -> None:
         """Its probe is missing: nothing is known of the next stride, and its place
         begins anew.
         """
-        self._walker, self._last_s, self._is_down = None, None, False
-        self._calm_s = 0.0
-
-    def _count(self, is_down: bool) -> None:
-        self._rests += is_down and not self._is_down
-        self._is_down = is_down
+        if self._walker is not None:
+            self._rests += self._walker.rests
+        self._walker, self._last_s = None, None
+        self._calm_s, self._is_down = 0.0, False
 
     def remark(self) -> str | None:
         """That it has not rested for long, and what that means."""
@@ -88,11 +87,11 @@ class Foot:
         rest = walker.rest if walker is not None else None
         stride = walker.stride_m if walker is not None else None
         return Contact(
-            is_down=self._is_down,
-            rests=self._rests,
+            is_down=self._is_down if walker is None else walker.is_down,
+            rests=self._rests + (0 if walker is None else walker.rests),
             stride_m=None if stride is None else round(stride, 4),
-            place_m=None if rest is None else _rounded(rest.place),
-            place_sigma_m=None if rest is None else _rounded(rest.sigmas),
+            place_m=None if rest is None else vector(rest.place),
+            place_sigma_m=None if rest is None else vector(rest.sigmas),
         )
 
 
@@ -135,10 +134,3 @@ class Feet:
     def remarks(self) -> list[str]:
         told = ((name, foot.remark()) for name, foot in self._feet.items())
         return [f"{name}: {remark}" for name, remark in told if remark is not None]
-
-
-def _rounded(values: FloatArray) -> Vector | None:
-    if not all(map(math.isfinite, values.tolist())):
-        return None
-    x, y, z = (round(each, 4) for each in values.tolist())
-    return x, y, z

@@ -14,7 +14,9 @@ from imud.body import contact, fused
 from imud.body.contact import FootPath
 from imud.body.feet import Foot
 from imud.body.tracks import Track
-from imud.body.zero_velocity import GRAVITY_M_S2, ZeroVelocity
+from imud.body.zero_velocity import Step, ZeroVelocity
+from imud.calibration.recording import GRAVITY_M_S2
+from imud.rotation import FloatArray
 
 STRIDES = 12
 RUN = GAITS["run"]
@@ -204,3 +206,36 @@ def test_how_well_speeds_agree_stretches_the_error():
                 made.stand(np.zeros(3), 0.01)
         grown.append(float(made.sigmas.max()))
     assert grown[1] > 2.0 * grown[0]
+
+
+def test_what_a_rest_corrects_is_the_way_since_the_last_in_spite_of_missing_rows(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    walk = made_gait.made(GAITS["walk"], STRIDES, 36)
+    track = track_of(walk)
+    hole = int(np.searchsorted(walk.times_s, walk.contacts[6][1] + 0.2))
+    gyr = track.gyr.copy()
+    gyr[hole : hole + 8] = np.nan
+
+    def marked(steps: list[Step], *_: object) -> tuple[FloatArray, FloatArray]:
+        return np.full((len(steps), 3), 100.0), np.zeros((len(steps), 3))
+
+    monkeypatch.setattr(contact, "smoothed", marked)
+    found = contact.path(replace(track, gyr=gyr))
+    assert np.isnan(found.place[hole : hole + 8]).all()
+    swing = found.place[found.rests[6][1] + 1 : hole, 0]
+    assert (swing > 50.0).all()
+    assert (found.place[hole + 8 : found.rests[7][0], 0] > 50.0).all()
+
+
+def test_a_foot_begins_where_its_attitude_is_known():
+    walk = made_gait.made(GAITS["walk"], STRIDES, 37)
+    track = contact.faced(track_of(walk))
+    assert track.acc is not None
+    walker, none = contact.Walker(), np.full(4, np.nan)
+    for row in range(400):
+        known = none if row < 200 else track.quat[row]
+        samples = track.gyr[row], track.acc[row]
+        walker.update(track.times_s[row], 0.005, samples, (known, 0.01, 0.02))
+        assert (walker.filter is None) == (row < 200)
+    assert np.isfinite(walker.sigmas).all()
