@@ -12,8 +12,12 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Generic, TypeVar
 
 from imud.endpoint import network_of
+
+Known = TypeVar("Known")
 
 ADDRESSES_MAX = 4096
 
@@ -41,10 +45,10 @@ class Bucket:
 
     __slots__ = ("_at_s", "_left", "_rate")
 
-    def __init__(self, rate: Rate, now_s: float) -> None:
+    def __init__(self, rate: Rate) -> None:
         self._rate = rate
         self._left = float(rate.at_once)
-        self._at_s = now_s
+        self._at_s = 0.0
 
     def has(self, now_s: float) -> bool:
         """Whether a connection may be taken at that time, which never goes back."""
@@ -57,24 +61,38 @@ class Bucket:
         self._left -= 1.0
 
 
+class ByNetwork(Generic[Known]):
+    """What is known of whoever connects, by network; of the last ADDRESSES_MAX."""
+
+    def __init__(self, make: Callable[[], Known]) -> None:
+        """`make`: what is known of somebody new."""
+        self._make = make
+        self._known: OrderedDict[str, Known] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def of(self, host: str) -> Known:
+        name = network_of(host)
+        if name not in self._known:
+            while len(self._known) >= ADDRESSES_MAX:
+                self._known.popitem(last=False)
+            self._known[name] = self._make()
+        self._known.move_to_end(name)
+        return self._known[name]
+
+
 class Throttle:
     """The buckets of one server: one for each address, one for all of them."""
 
     def __init__(self, rate: Rate, on_refused: Callable[[str], None]) -> None:
         """`on_refused` gets the peer, as 192.0.2.1:5000, of each that is refused."""
         self.on_refused = on_refused
-        self._rate = rate
-        self._all = Bucket(Rate(rate.at_once * ALL, rate.a_second * ALL), 0.0)
-        self._each: OrderedDict[str, Bucket] = OrderedDict()
+        self._all = Bucket(Rate(rate.at_once * ALL, rate.a_second * ALL))
+        self._each = ByNetwork(partial(Bucket, rate))
 
     def admits(self, host: str, now_s: float) -> bool:
-        name = network_of(host)
-        bucket = self._each.get(name)
-        if bucket is None:
-            while len(self._each) >= ADDRESSES_MAX:
-                self._each.popitem(last=False)
-            bucket = self._each[name] = Bucket(self._rate, now_s)
-        self._each.move_to_end(name)
+        bucket = self._each.of(host)
         if not (bucket.has(now_s) and self._all.has(now_s)):
             return False
         bucket.take()

@@ -16,15 +16,13 @@ import contextlib
 import os
 import socket
 import sys
-from collections import OrderedDict
 from collections.abc import Callable
 from functools import partial
 from typing import cast
 
-from imud.endpoint import network_of
 from imud.machine import system
 from imud.net.strangers import DATA, RECORD_MAX, Address, Records
-from imud.throttle import Listening, Rate, Throttle
+from imud.throttle import ByNetwork, Listening, Rate, Throttle
 
 # Connections of all addresses; of those, unfinished ones: of all, of one address.
 LINKS_MAX = 512
@@ -46,8 +44,6 @@ ALERT_MAX = 64
 # Lines a second about refusals; the next one tells how many were left out.
 LINES_MAX = 20
 
-ADDRESSES_MAX = 4096
-
 # Whoever connects more often is refused before anything is kept of it: poses go through
 # this process, too.
 RATE = Rate(at_once=128, a_second=20.0)
@@ -62,20 +58,10 @@ class Guard:
     def __init__(self, inner: tuple[str, int], tell: int) -> None:
         self.inner = inner
         self._tell = tell
-        self._addresses: OrderedDict[str, Address] = OrderedDict()
+        self.addresses = ByNetwork(Address)
         self.links: set[Outer] = set()
         self.unfinished = 0
         self._second = self._lines = self._untold = 0
-
-    def address(self, host: str) -> Address:
-        name = network_of(host)
-        found = self._addresses.get(name)
-        if found is None:
-            while len(self._addresses) >= ADDRESSES_MAX:
-                self._addresses.popitem(last=False)
-            found = self._addresses[name] = Address()
-        self._addresses.move_to_end(name)
-        return found
 
     def refusal(self, address: Address, now_s: float) -> str:
         """Why another connection is refused; empty: it is not."""
@@ -128,7 +114,7 @@ class Outer(asyncio.Protocol):
         peer = transport.get_extra_info("peername") or ("?", 0)
         host, port = str(peer[0]), peer[1]
         self.peer = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        self._address = self._guard.address(host)
+        self._address = self._guard.addresses.of(host)
         why = self._guard.refusal(self._address, self._loop.time())
         if why:
             self._refuse(why)
