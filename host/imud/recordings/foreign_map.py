@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from imud.calibration.recording import GRAVITY_M_S2
 from imud.errors import FileError
 from imud.recordings.foreign_table import ForeignTable, words
 from imud.rotation import FloatArray
@@ -28,14 +29,14 @@ TIMES = ("time", "timestamp", "stamp", "t", "seconds", "secs", "micros", "millis
 DEGREE = math.pi / 180.0
 # What one of a unit is in m/s2, rad/s, uT and s.
 UNITS: dict[str, dict[str, float]] = {
-    "acc": {"m/s2": 1.0, "g": 9.80665, "mg": 0.00980665, "cm/s2": 0.01},
+    "acc": {"m/s2": 1.0, "g": GRAVITY_M_S2, "mg": GRAVITY_M_S2 / 1000.0, "cm/s2": 0.01},
     "gyr": {"rad/s": 1.0, "deg/s": DEGREE, "mrad/s": 1e-3, "mdeg/s": DEGREE / 1e3},
     "mag": {"uT": 1.0, "T": 1e6, "mT": 1e3, "nT": 1e-3, "G": 100.0, "mG": 0.1},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 # Counts of common ranges: 2, 4, 8, 16 g and 250, 500, 1000, 2000 deg/s in 16 bits.
 COUNTS = {
-    "acc": {f"1/{n} g": 9.80665 / n for n in (16384, 8192, 4096, 2048)},
+    "acc": {f"1/{n} g": GRAVITY_M_S2 / n for n in (16384, 8192, 4096, 2048)},
     "gyr": {f"1/{n:g} deg/s": DEGREE / n for n in (131, 65.5, 32.8, 16.4)},
 }
 SPELT = {
@@ -222,19 +223,28 @@ def _guess(told: ForeignMap, sensor: str, unit: str, factor: float) -> None:
     told.guessed.add(sensor)
 
 
+def _which_unit(
+    told: ForeignMap, sensor: str, size: float, examples: tuple[str, str]
+) -> FileError:
+    """That no unit fits; `examples`: of a unit, and of what a count is."""
+    unit, count = examples
+    return FileError(
+        f"the unit of {', '.join(told.columns[sensor])}, whose length is {size:g} as a "
+        f"rule? Say --unit {sensor}={unit}, or --unit {sensor}={count} for what a "
+        "count is"
+    )
+
+
 def _find_acc(table: ForeignTable, told: ForeignMap) -> None:
     if "acc" in told.units or _named_unit("acc", told.columns["acc"][0], told):
         return
     rows = _readings(table, told, "acc")
     size = float(np.nanmedian(np.linalg.norm(rows, axis=1)))
     for unit, factor in (UNITS["acc"] | COUNTS["acc"]).items():
-        if abs(size * factor / 9.80665 - 1.0) < GRAVITY_NEAR:
+        if abs(size * factor / GRAVITY_M_S2 - 1.0) < GRAVITY_NEAR:
             _guess(told, "acc", unit, factor)
             return
-    raise FileError(
-        f"the unit of {', '.join(told.columns['acc'])}, whose length is {size:g} as a "
-        "rule? Say --unit acc=g, or --unit acc=0.000488g for what a count is"
-    )
+    raise _which_unit(told, "acc", size, ("g", "0.000488g"))
 
 
 def _find_mag(table: ForeignTable, told: ForeignMap) -> None:
@@ -252,10 +262,7 @@ def _find_mag(table: ForeignTable, told: ForeignMap) -> None:
             if EARTH_UT[0] <= size * factor <= EARTH_UT[1]:
                 _guess(told, "mag", unit, factor)
                 return
-    raise FileError(
-        f"the unit of {', '.join(told.columns['mag'])}, whose length is {sizes[0]:g} "
-        "as a rule? Say --unit mag=mG, or --unit mag=0.15uT for what a count is"
-    )
+    raise _which_unit(told, "mag", sizes[0], ("mG", "0.15uT"))
 
 
 def _find_gyr(table: ForeignTable, told: ForeignMap) -> None:
