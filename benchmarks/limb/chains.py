@@ -5,14 +5,13 @@ docs/limb.md. Seeds for tuning and for judging are kept apart.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.options import parser_of
 from benchmarks.common.paths import RESULTS
 from benchmarks.limb import made_chain
 from benchmarks.limb.made_chain import Made
@@ -109,10 +108,8 @@ def table_of(rows: Sequence[tuple[str, float, float]]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
+    parser = parser_of(__doc__, SETS, OUTPUT)
     parser.add_argument("--seconds", metavar="S", type=float, default=60.0)
-    parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
     args = parser.parse_args(argv)
     report = {}
     for name in args.sets:

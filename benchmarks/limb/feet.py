@@ -7,15 +7,14 @@ example: python -m benchmarks.limb.feet --sets judging --feet 4
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.options import parser_of
 from benchmarks.common.paths import RESULTS
 from benchmarks.limb import made_gait
 from benchmarks.limb.made_gait import GAITS, Gait, Walk
@@ -92,10 +91,8 @@ def line_of(name: str, scores: Sequence[Score]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
+    parser = parser_of(__doc__, SETS, OUTPUT)
     parser.add_argument("--feet", metavar="N", type=int, help="only N of each set")
-    parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
     args = parser.parse_args(argv)
     report = {}
     for name in args.sets:

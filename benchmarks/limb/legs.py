@@ -7,17 +7,16 @@ Seeds for tuning and for judging are kept apart.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.common.engines import ENGINES, HOST
 from benchmarks.common.feed import Feed, sampled
+from benchmarks.common.options import parser_of
 from benchmarks.common.paths import RESULTS
 from benchmarks.limb import clocks, peers
 from imud.body import chain, contact, level, mounting, posture, tracks
@@ -183,11 +182,9 @@ def table_of(rows: Sequence[dict[str, Row]]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS))
+    parser = parser_of(__doc__, SETS, OUTPUT)
     parser.add_argument("--walk", metavar="S", type=float, default=60.0)
     parser.add_argument("--legs", metavar="N", type=int, help="only N of each set")
-    parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
     args = parser.parse_args(argv)
     report = {}
     for name in args.sets:
