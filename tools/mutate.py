@@ -120,10 +120,6 @@ def _tell(room: str, verdicts: Sequence[Verdict]) -> int:
     return 1 if missed else 0
 
 
-_SITE = """\
-import sys
-sys.meta_path[:] = [f for f in sys.meta_path if "ScikitBuild" not in type(f).__name__]
-"""
 _WORDS = ("noticed", "unnoticed", "equivalent", "not compiled")
 
 
@@ -177,13 +173,10 @@ def _try(tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]])
 
 
 def host_environment(tree: Path) -> dict[str, str]:
-    """With which Python loads the package of that copy. It would load the one that is
-    installed, the unchanged source, if its finder were left in place.
+    """With which Python loads the package of that copy, not the one that is installed:
+    tools/mutants/sitecustomize.py.
     """
-    site = WORK / "site" / "sitecustomize.py"
-    site.parent.mkdir(parents=True, exist_ok=True)
-    site.write_text(_SITE, "utf-8")
-    return {"PYTHONPATH": f"{site.parent}:{tree / 'host'}"}
+    return {"PYTHONPATH": f"{ROOT / 'tools' / 'mutants'}:{tree / 'host'}"}
 
 
 def _tests_of(
