@@ -123,7 +123,7 @@ class Listening(socket.socket):
             throttle = self.throttle
             if throttle is None or throttle.admits(peer[0], time.monotonic()):
                 return taken, peer
+            throttle.on_refused(f"{peer[0]}:{peer[1]}")  # first: who is refused can ask
             with contextlib.suppress(OSError):
                 taken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _NO_LINGER)
             taken.close()
-            throttle.on_refused(f"{peer[0]}:{peer[1]}")

@@ -279,7 +279,11 @@ def assert_honest(
     """No time falls, and each is within its bound, by one of the settings of UTC."""
     times = [pose["t_ns"] for pose in poses]
     assert times == sorted(times)
-    for pose in poses[100:]:
+    # There is no bound until the probe has answered once: late on a busy machine.
+    unknown = [pose["t_bound_us"] is None for pose in poses]
+    assert unknown == sorted(unknown, reverse=True)
+    assert sum(unknown) < len(poses) // 2
+    for pose in poses[max(100, sum(unknown)) :]:
         bound_ns = 1000 * pose["t_bound_us"]
         earliest, latest = sampled[pose["seq"]]
         assert any(
