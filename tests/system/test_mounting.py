@@ -32,7 +32,7 @@ bias_uT = [20, -10, 5]
 """
 
 
-@pytest.mark.sampled(24)
+@pytest.mark.sampled(48)
 @pytest.mark.parametrize("board", ["nano", "f405"])
 @pytest.mark.parametrize("mount", ALL, ids=lambda each: each.name)
 def test_a_mounted_module_goes_through_the_guide(

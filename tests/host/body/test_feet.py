@@ -33,6 +33,7 @@ def cut(track: Track, from_s: float, to_s: float) -> Track:
     return track.rows((track.times_s < from_s) | (track.times_s > to_s))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", GAITS)
 def test_rests_are_found_and_the_stated_error_holds_from_strolling_to_sprinting(
     name: str,

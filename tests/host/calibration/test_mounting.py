@@ -43,6 +43,7 @@ from imud.virtual.modules import shop
 from imud.virtual.motions.module import MG, Module
 
 TURNED = named("back,left")  # upside down
+pytestmark = pytest.mark.sampled(6)
 EVERY = pytest.mark.parametrize("mount", ALL, ids=lambda each: each.name)
 
 
@@ -77,7 +78,6 @@ def left_of(params: Params, of: Module) -> float:
     return float(np.abs(np.stack([acc, gyr, mag]) - np.eye(3)).max())
 
 
-@pytest.mark.sampled(8)
 @EVERY
 def test_each_mounting_is_found_by_the_guide(mount: ModuleMount) -> None:
     procedure, done, troubles = guided(mount)
