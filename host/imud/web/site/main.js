@@ -4,9 +4,10 @@
 
 import { Link } from "./link.js";
 import { Model } from "./model.js";
-import { Header } from "./header.js";
+import { Header, tell } from "./header.js";
 import { Keys } from "./keys.js";
 import { make } from "./dom.js";
+import { failed } from "./failed.js";
 import { AimView } from "./views/aim.js";
 import { CalibrateView } from "./views/calibrate.js";
 import { LimbView } from "./views/limb.js";
@@ -27,11 +28,14 @@ import { SignalsView } from "./views/signals.js";
  * @property {(hz: number) => void} [adapt] so many frames a second were drawn
  */
 
-/** @type {Record<string, { title: string, make: (model: Model) => View }>} */
+/**
+ * Those of one probe begin anew with another one: nothing of the one before stays.
+ * @type {Record<string, { title: string, make: (model: Model) => View, isOfOne?: true }>}
+ */
 export const VIEWS = {
-  probe: { title: "Probe", make: (model) => new ProbeView(model) },
+  probe: { title: "Probe", make: (model) => new ProbeView(model), isOfOne: true },
   signals: { title: "Signals", make: (model) => new SignalsView(model) },
-  calibrate: { title: "Calibrate", make: (model) => new CalibrateView(model) },
+  calibrate: { title: "Calibrate", make: (model) => new CalibrateView(model), isOfOne: true },
   aim: { title: "Aim", make: (model) => new AimView(model) },
   probes: { title: "Probes", make: (model) => new ProbesView(model) },
   limb: { title: "Limb", make: (model) => new LimbView(model) },
@@ -48,11 +52,12 @@ class Page {
     this.link = new Link();
     this.model = new Model(this.link);
     this.main = make("main", { tabindex: "-1" });
-    this.header = new Header(this.model, VIEWS, () => this.view?.recolour?.());
+    this.header = new Header(this.model, VIEWS, () => this.guarded(() => this.view?.recolour?.()));
     this.keys = new Keys(this.header, () => this.view?.keys ?? {});
     /** @type {View | null} */
     this.view = null;
     this.viewName = "";
+    this.viewProbe = "";
     this.frames = 0;
     this._rate = { sinceMs: performance.now(), frames: 0, hz: 60 };
     // That of the file is there before any script.
@@ -60,6 +65,13 @@ class Page {
     document.body.append(...this.header.elements, this.main);
     addEventListener("hashchange", () => this.route());
     this.model.addEventListener("list", () => this.route());
+    this.model.addEventListener("reset", () => {
+      // A log has probes of its own.
+      history.replaceState(null, "", `#/${this.viewName}`);
+    });
+    this.model.addEventListener("renamed", (event) => {
+      this.follow(/** @type {CustomEvent<{ from: string, to: string }>} */ (event).detail);
+    });
     this.route();
     this.link.open();
     requestAnimationFrame((nowMs) => this.frame(nowMs));
@@ -72,26 +84,76 @@ class Page {
     if (probe && probe !== this.model.selected) {
       this.model.select(probe);
     }
-    if (wanted !== this.viewName) {
-      this.view?.close();
+    const { selected } = this.model;
+    const isOther = VIEWS[wanted].isOfOne && selected !== this.viewProbe;
+    this.viewProbe = selected;
+    if (wanted !== this.viewName || isOther) {
       this.viewName = wanted;
-      this.view = VIEWS[wanted].make(this.model);
-      this.main.replaceChildren(this.view.element);
-      this.main.scrollTop = 0;
-      document.title = `${VIEWS[wanted].title} · imud`;
+      this.open();
     }
     this.header.show(wanted);
   }
 
+  /**
+   * Goes on with a probe under its new name; the old address would lead to nothing.
+   * @param {{ from: string, to: string }} names
+   */
+  follow({ from, to }) {
+    if (from === this.model.selected) {
+      this.model.selected = this.viewProbe = to;
+      history.replaceState(null, "", `#/${this.viewName}/${encodeURIComponent(to)}`);
+      tell(`${from} is called ${to} now`);
+    }
+    this.model.dispatchEvent(new CustomEvent("list"));
+  }
+
+  /** Makes the view anew; in its place what went wrong, if that fails. */
+  open() {
+    const { title } = VIEWS[this.viewName];
+    document.title = `${title} · imud`;
+    this.main.scrollTop = 0;
+    const before = this.view;
+    this.view = null;
+    this.guarded(() => before?.close());
+    this.guarded(() => {
+      this.view = VIEWS[this.viewName].make(this.model);
+      this.main.replaceChildren(this.view.element);
+    });
+  }
+
+  /**
+   * Does something for the view. If that fails the view is put out of work and says so:
+   * header, connection and all other views go on.
+   * @param {() => void} work
+   */
+  guarded(work) {
+    try {
+      work();
+    } catch (error) {
+      console.error(error);
+      const { view } = this;
+      this.view = null;
+      const { title } = VIEWS[this.viewName];
+      const about = { title, imud: String(this.model.page.imud ?? ""), error };
+      this.main.replaceChildren(failed(about, () => this.open()));
+      try {
+        view?.close();
+      } catch {
+        // What has failed may fail at this, too; it is not shown any more.
+      }
+    }
+  }
+
   /** @param {number} nowMs */
   frame(nowMs) {
+    requestAnimationFrame((nextMs) => this.frame(nextMs));
     this.frames += 1;
     const rate = this._rate;
     if (nowMs - rate.sinceMs > RATE_MS) {
       const hz = ((this.frames - rate.frames) * 1000) / (nowMs - rate.sinceMs);
       const news = 5 * Math.ceil((NEWS_A_FRAME * hz) / 5);
       const asked = Math.max(RATE_LEAST_HZ, Math.min(60, news));
-      this.view?.adapt?.(hz);
+      this.guarded(() => this.view?.adapt?.(hz));
       this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
     }
     const every = [...(this.view?.every ?? []), "stroke", "path"];
@@ -102,9 +164,8 @@ class Page {
     const wanted = selected ? every.map((topic) => [selected, topic]) : [];
     this.link.watch([...wanted, ...more], hz, selected);
     this.header.draw(performance.now());
-    this.view?.draw(performance.now());
+    this.guarded(() => this.view?.draw(performance.now()));
     this.link.drawn();
-    requestAnimationFrame((nextMs) => this.frame(nextMs));
   }
 }
 

@@ -38,7 +38,7 @@ export class GuideCard {
     this._says = make("p", { class: "says", role: "status", "data-part": "says" });
     this._trouble = make("p", { class: "notice", role: "alert", hidden: true });
     this._mount = new MountPicture();
-    this._still = make("progress", { max: 1, value: 0, "aria-label": "Time that it lies still" });
+    this._share = make("progress", { max: 1, value: 0 });
     this._state = make("span", { class: "chip" });
     this._poses = make("b", {});
     this._tilt = make("dd", { class: "value", "data-value": "cal-tilt" });
@@ -55,7 +55,7 @@ export class GuideCard {
     this._steps = make(
       "div",
       { class: "stack" },
-      make("div", { class: "row" }, this._state, this._still, this._poses),
+      make("div", { class: "row" }, this._state, this._share, this._poses),
       this._facts,
       this._tip,
       make("div", { class: "row quality" }, make("span", { class: "muted" }, "field"), this._bar, this._quality),
@@ -96,16 +96,19 @@ export class GuideCard {
   /** @param {Line} line */
   _running(line) {
     const hasPoses = line.poses !== undefined;
-    this._state.hidden = this._still.hidden = !hasPoses;
+    const isTip = line.kind === "tip";
+    this._state.hidden = this._share.hidden = !hasPoses && !isTip;
     say(this._state, line.is_still ? "still" : "moves");
     mark(this._state, "class", line.is_still ? "chip good" : "chip");
-    this._still.value = line.is_still ? line.still_share : 0;
+    mark(this._share, "aria-label", isTip ? "Time of wobbling" : "Time that it lies still");
+    const still = line.is_still ? (line.still_share ?? 0) : 0;
+    this._share.value = isTip ? Math.min(1, line.seconds / line.of_seconds) : still;
     say(this._poses, hasPoses ? `pose ${line.poses} of ${line.of}` : `${fixed(line.seconds, 0)} s`);
     error(this._tilt, line.tilt_deg, line.is_level);
     error(this._heading, line.heading_deg, line.is_headed);
-    this._facts.hidden = line.kind === "tip" || line.kind === "mount";
-    this._tip.hidden = line.kind !== "tip";
-    if (line.kind === "tip") {
+    this._facts.hidden = isTip || line.kind === "mount";
+    this._tip.hidden = !isTip;
+    if (isTip) {
       say(this._tip, wobble(line));
       mark(this._tip, "data-good", line.is_good);
     }
