@@ -227,7 +227,7 @@ _ROWS = (
     ProbeCommand("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
     ProbeCommand(
         "configure",
-        "rename a probe, or start or stop its log, until the daemon reads its "
+        "rename a probe for good, or start or stop its log until the daemon reads its "
         "configuration again",
         (
             Argument("rename", "text", is_optional=True),

@@ -27,6 +27,35 @@ def add(commands: Commands) -> None:
             add_probe(parser)
             add_network(parser)
             parser.set_defaults(run=_command, command=row.name)
+    _add_name(commands)
+
+
+def _add_name(commands: Commands) -> None:
+    name = add_command(
+        commands,
+        "name",
+        "give a probe a name",
+        "imud name 00112233445566aa stylus",
+        "The daemon keeps it, whatever port the probe is plugged into. Programs that "
+        "subscribe find the probe under its new name: imud/stylus/pose.",
+    )
+    name.add_argument("probe", metavar="PROBE", help="the name or id that it has now")
+    name.add_argument("name", metavar="NAME", help="the new one, without / and spaces")
+    add_network(name)
+    name.set_defaults(run=_name)
+
+
+def _name(args: argparse.Namespace) -> int:
+    with client_of(args) as client:
+        probe = client.only_probe(args.probe)
+        reply = client.command(probe, "configure", rename=args.name)
+    sys.stdout.write(f"{probe} is called {args.name} now\n")
+    if not reply["value"]["is_kept"]:
+        sys.stdout.write(
+            "until the daemon starts again or reads its configuration, which has "
+            "another name for it\n"
+        )
+    return 0
 
 
 def _add_options(parser: argparse.ArgumentParser, argument: Argument) -> None:

@@ -34,7 +34,7 @@ class CommandRunner:
         commander: Commander,
         intake: Intake,
         history: HistoryFiles,
-        configure: Callable[[str, Parameters], None],
+        configure: Callable[[str, Parameters], bool],
         lend: Callable[[str, float], Awaitable[None]],
     ) -> None:
         self._commander = commander
@@ -106,9 +106,11 @@ class CommandRunner:
             return await self._commander.command(probe, command, parameters)
         return self._intake.close_path(self._commander.entry_of(probe))
 
-    async def _configure(self, probe: str, _: str, parameters: Parameters) -> None:
+    async def _configure(
+        self, probe: str, _: str, parameters: Parameters
+    ) -> dict[str, bool]:
         probe_id = self._commander.entry_of(probe).probe.probe_id
-        self._configure_probe(probe_id, parameters)
+        return {"is_kept": self._configure_probe(probe_id, parameters)}
 
     async def _lend(self, probe: str, command: str, parameters: Parameters) -> str:
         """The name of the port."""

@@ -15,6 +15,7 @@ from typing import Any
 
 from imud import journal
 from imud.config.settings import Config, listens_on
+from imud.daemon import names
 from imud.daemon.command_runner import CommandRunner
 from imud.daemon.commands import Commander
 from imud.daemon.configure import configured
@@ -62,8 +63,9 @@ class Daemon:
         load: Callable[[], Config],
         selector: GatheringSelector,
     ) -> None:
-        self._config = config
         self._load = load
+        self._of_file = config
+        self._config = config = names.with_names(config)
         self._selector = selector  # of the loop
         self._hub = Hub()
         self._speaker = Speaker(config.journal.quiet_s, config.journal.burst)
@@ -171,20 +173,20 @@ class Daemon:
         before = self._config
         self._notifier.reloading()
         try:
-            config = self._load()
+            self._of_file = self._load()
         except ImudError as error:
             logger.warning("reload failed, the running configuration stays: %s", error)
         else:
-            self._apply(before, config)
+            self._apply(before, names.with_names(self._of_file))
         self._notifier.ready()
 
     def _apply(self, before: Config, config: Config) -> None:
         self._config = config
         logger.setLevel(config.journal.level.upper())
         self._speaker.configure(config.journal.quiet_s, config.journal.burst)
-        names = self._registry.configure(config)
+        renamed = self._registry.configure(config)
         put = {entry.name: entry.put for entry in self._registry}
-        self._outputs.apply(config, names, put)
+        self._outputs.apply(config, renamed, put)
         # Presence last: who sees it may ask for the rest at once.
         self._intake.params.announce(self._intake.timeline.utc(host_ns()))
         self._reports.announce()
@@ -253,8 +255,15 @@ class Daemon:
         text = f"internal error: {words}"
         self._speaker.say(("fault", words), text, is_warning=True)
 
-    def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> None:
-        self._apply(self._config, configured(self._config, probe_id, parameters))
+    def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> bool:
+        """Returns whether that is kept: a name is that the file has no other for."""
+        before, name = self._config, parameters.get("rename")
+        after = configured(before, probe_id, parameters)
+        is_kept = name is not None and not self._of_file.settings_of(probe_id).name
+        if is_kept:  # first: a name that can't be kept is not given
+            names.keep(before, probe_id, str(name))
+        self._apply(before, after)
+        return is_kept
 
     def _begin_set_up(self, name: str) -> None:
         before = self._setting_up.get(name)

@@ -124,9 +124,9 @@ class Outputs:
         address = host_and_port(config.web.listen)
         if config.web.enabled and address is not None:
             logs = LogFolder(Path(log.dir)) if log.enabled else None
+            of_page = (config.web, network.keys, log.enabled, log.dir, config.ports)
             wanted[PAGE] = Wanted(
-                (config.web, network.keys, log.enabled, log.dir, config.ports),
-                lambda: self._page(address, config, logs),
+                of_page, lambda: self._page(address, config, logs, of_page)
             )
         served = host_and_port(config.foxglove.listen)
         if config.foxglove.enabled and served is not None:
@@ -151,11 +151,14 @@ class Outputs:
         address: tuple[str, int],
         config: Config,
         logs: LogFolder | None,
+        settings: object,
     ) -> PageSink:
         keys, origins = config.zenoh.keys, config.web.origins
         users: Users | None = KeyUsers(Path(keys)) if keys else None
         # Once, and not with each try at a port that is taken.
         offered = offered_firmware()
+        # Where only probes are renamed, browsers keep their connection.
+        before = self._page_sink if self._made_of.get(PAGE) == settings else None
         self._page_sink = PageSink(
             lambda: Page(
                 address,
@@ -166,7 +169,8 @@ class Outputs:
                 firmware=offered,
                 origins=origins,
                 on_notice=self._on_notice,
-            )
+            ),
+            before,
         )
         return self._page_sink
 

@@ -53,6 +53,13 @@ class Feed:
                 else:
                     self._fresh[key] = deque((payload,), FRESH_MAX)
 
+    def forget(self) -> None:
+        """Forgets what was said of probes; that of bodies stays."""
+        with self._lock:
+            self._last = {
+                key: last for key, last in self._last.items() if key[1] == BODY
+            }
+
     def swap(self) -> Mapping[Key, deque[bytes]]:
         """What came since the last call."""
         with self._lock:

@@ -127,6 +127,12 @@ class Page:
         """What was published, by probe and topic: JSON on one line."""
         self._feed.add(payloads)
 
+    def forget(self) -> None:
+        """Probes may have other names from now on: what new browsers begin with comes
+        anew.
+        """
+        self._feed.forget()
+
     def flush(self) -> None:
         """Has the browsers served with what was taken."""
         if self._feed.is_watched:

@@ -38,6 +38,7 @@ BESIDE = {
     "stop": ([], "stop done"),
     "tare": ([], "tare done"),
     "restart": ([], "restart done"),
+    "name": (["00112233445566aa", "00112233445566aa"], "is called"),
     "params": (["history", "00112233445566aa"], ""),
     "calibrate": (["undo", "nosuch"], "no probe nosuch"),
     "check": (["nosuch"], "no probe nosuch"),

@@ -144,14 +144,23 @@ export class Header {
     this._choice.replaceChildren(...options);
     this._choice.value = selected;
     this._choice.hidden = names.length === 0;
+    this._warn();
   }
 
   _state() {
-    const { state } = this._model.link;
-    const text = BANNERS[state] ?? "";
+    this._warn();
+    this._login.setOpen(this._model.link.state === "login");
+  }
+
+  /** Says what is wrong with all of what is shown. */
+  _warn() {
+    const { link, names, selected, probes } = this._model;
+    let text = BANNERS[link.state] ?? "";
+    if (!text && names.length > 0 && !probes.has(selected)) {
+      text = `No probe is called ${selected}: it was renamed, or is not plugged in. Choose another one above.`;
+    }
     this._banner.hidden = text === "";
     say(this._banner, text);
-    this._login.setOpen(state === "login");
   }
 }
 

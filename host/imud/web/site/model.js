@@ -51,6 +51,15 @@ import { Strokes } from "./strokes.js";
 const STALE_MIN_MS = 200;
 const STALE_MAX_MS = 450;
 
+/**
+ * The errors of a pose: those since its origin where it has one, else those in the world.
+ * @param {Pose} pose
+ */
+export function errorsOf(pose) {
+  const since = pose.since_origin ?? null;
+  return since !== null && since.void === null ? since : pose;
+}
+
 /** One probe, as far as the page has heard. */
 export class Probe {
   /** @param {string} name */
@@ -124,7 +133,7 @@ export class Probe {
 
 /**
  * All probes by name. Emits "probe" with each line about one, "body" with each state of
- * a limb, "list", and "reset" when a log takes the place of what is live, or the other way round.
+ * a limb, "renamed", "list", and "reset" when a log takes the place of what is live, or the other way round.
  */
 export class Model extends EventTarget {
   /** @param {import("./link.js").Link} link */
@@ -172,6 +181,19 @@ export class Model extends EventTarget {
     }
   }
 
+  /**
+   * A probe that says its id by another name than before was renamed.
+   * @param {Line} status
+   */
+  _rename(status) {
+    for (const [name, { status: last }] of this.probes) {
+      if (name !== status.probe && last !== null && last.probe_id === status.probe_id) {
+        this.probes.delete(name);
+        this.dispatchEvent(new CustomEvent("renamed", { detail: { from: name, to: status.probe } }));
+      }
+    }
+  }
+
   /** @param {Line} line */
   _take(line) {
     if (line.type === "page") {
@@ -199,6 +221,9 @@ export class Model extends EventTarget {
         this.dispatchEvent(new CustomEvent("list"));
       }
       probe.take(line, performance.now());
+      if (line.type === "status" && line.probe_id) {
+        this._rename(line);
+      }
       this.dispatchEvent(new CustomEvent("probe", { detail: line }));
     }
   }

@@ -48,6 +48,7 @@ export class Scene extends View3d {
     super(parent);
     this._attached = attached;
     this.body = new three.Group();
+    this.body.visible = false; // until there is a pose
     this._scene.add(this.body);
     this._errors = new Errors(this._scene, this.body);
     this._trail = new Trail(this._isSlow ? 90 : 180);
@@ -55,6 +56,7 @@ export class Scene extends View3d {
     this._scene.add(this._trail.line, this.path.group);
     /** @type {three.Object3D | null} */
     this._world = null;
+    this._isOrigin = false;
     /** @type {BodyName} */
     this._kind = "probe";
     this._isStale = false;
@@ -66,13 +68,17 @@ export class Scene extends View3d {
   /** Takes the theme's colours again. */
   recolour() {
     const colours = coloursOf();
-    this._world?.removeFromParent();
-    this._world = makeWorld(colours, !this._isSlow);
-    this._scene.add(this._world);
+    this._makeWorld();
     this._errors.recolour(colours);
     this._trail.recolour(colours);
     this.path.recolour(colours);
     this.setBody(this._kind);
+  }
+
+  _makeWorld() {
+    this._world?.removeFromParent();
+    this._world = makeWorld(coloursOf(), !this._isSlow, this._isOrigin);
+    this._scene.add(this._world);
   }
 
   /** @param {BodyName} kind */
@@ -122,6 +128,12 @@ export class Scene extends View3d {
       return;
     }
     this._pose = pose;
+    this.body.visible = true;
+    const isOrigin = pose.flags.includes("tared");
+    if (isOrigin !== this._isOrigin) {
+      this._isOrigin = isOrigin;
+      this._makeWorld();
+    }
     const [w, x, y, z] = pose.q;
     this.body.quaternion.set(x, y, z, w);
     if (!this._attached) {

@@ -48,7 +48,6 @@ export class CalibrateView {
     });
     this.scene = this._makeScene();
     this.recolour();
-    this._probe = model.selected;
     this._take = (/** @type {Event} */ event) => {
       this._hear(/** @type {CustomEvent<Line>} */ (event).detail);
     };
@@ -73,15 +72,12 @@ export class CalibrateView {
 
   /** @param {number} nowMs */
   draw(nowMs) {
-    const { probe, selected, mayCommand, link } = this._model;
-    if (selected !== this._probe) {
-      this._probe = selected;
-      this._cloud.clear();
-    }
+    const { probe, mayCommand, link } = this._model;
     const line = probe?.calibration ?? null;
     const isOn = line !== null && line.phase !== "none";
     this._guide.show(line, mayCommand && probe !== undefined && this._model.mayRead("calibration"));
-    this._result.show(line, probe?.params?.digest ?? null, mayCommand);
+    const isFresh = probe !== undefined && !probe.isStale(nowMs) && link.state === "open";
+    this._result.show(line, probe, isFresh, mayCommand);
     this._cloud.fit(isOn ? (line.ellipsoid ?? null) : null);
     this._cloud.draw();
     const isGuided = isOn && line.ups !== undefined;
@@ -92,7 +88,7 @@ export class CalibrateView {
     this._legend.textContent = isGuided ? "green: was up; blue: lay it so that this is up" : "";
     if (probe?.pose) {
       this.scene?.show(probe.pose);
-      this.scene?.setStale(probe.isStale(nowMs) || link.state !== "open");
+      this.scene?.setStale(!isFresh);
     }
     this.scene?.draw();
   }

@@ -140,23 +140,14 @@ export class Controls {
     return make(
       "form",
       { class: "row end", onsubmit: submit },
-      make("label", { class: "field grow" }, "Name, until the daemon restarts", this._name),
+      make("label", { class: "field grow" }, "Name", this._name),
       make("button", {}, "Rename"),
     );
   }
 
-  /** The daemon's keys have the new name, and the page connects again. */
-  async _rename() {
-    const { selected, link, probes } = this._model;
-    const name = this._name.value.trim();
-    try {
-      await link.ask(selected, "configure", { rename: name });
-    } catch (error) {
-      tell(error instanceof Error ? error.message : String(error), true);
-      return;
-    }
-    probes.delete(selected);
-    location.hash = `#/probe/${encodeURIComponent(name)}`;
+  /** The page follows the probe once it is heard by its new name. */
+  _rename() {
+    this._run("Rename", [["configure", { rename: this._name.value.trim() }]]);
   }
 
   _setLog() {

@@ -117,7 +117,7 @@ export class ProbeView {
   /** @param {number} nowMs */
   draw(nowMs) {
     const probe = this._model.probe;
-    this._empty.hidden = probe !== undefined;
+    this._empty.hidden = this._model.probes.size > 0;
     this._controls.draw();
     if (probe !== undefined) {
       const isStale = probe.isStale(nowMs) || this._model.link.state !== "open";
