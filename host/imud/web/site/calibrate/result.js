@@ -3,9 +3,10 @@
 // What came of a calibration: the errors to expect, what is left over, apply and undo.
 
 import { make, mark, say } from "../dom.js";
-import { fixed } from "../format.js";
+import { fixed, sigma } from "../format.js";
 
 /** @typedef {import("../link.js").Line} Line */
+/** @typedef {import("../model.js").Probe} Probe */
 
 const GRAVITY = 9.80665;
 const DEGREES = 180 / Math.PI;
@@ -41,21 +42,27 @@ export class ResultCard {
     this.apply = make("button", { class: "primary", onclick: apply }, "Apply");
     this.undo = make("button", { onclick: undo }, "Undo");
     this._shownText = "";
+    this._then = make("p", { role: "status", "data-part": "then" });
+    const see = make("a", { href: "#/probe", class: "button" }, "See it move");
+    this._last = make("div", { class: "stack then" }, this._then, make("div", { class: "row" }, see));
     this.element = make(
       "div",
       { class: "card", hidden: true },
       make("div", { class: "card-head" }, make("h2", {}, "Result"), this._verdict),
       this._list,
       make("div", { class: "row" }, this.apply, this.undo),
+      this._last,
     );
   }
 
   /**
    * @param {Line | null} line
-   * @param {string | null} inForce digest of the params
+   * @param {Probe | undefined} probe
+   * @param {boolean} isFresh whether it sends poses now
    * @param {boolean} mayCommand
    */
-  show(line, inForce, mayCommand) {
+  show(line, probe, isFresh, mayCommand) {
+    const inForce = probe?.params?.digest ?? null;
     const outcome = line?.outcome ?? null;
     const findings = line?.findings ?? [];
     this.element.hidden = line?.phase !== "done";
@@ -67,6 +74,10 @@ export class ResultCard {
     this.apply.hidden = this.undo.hidden = outcome === null;
     mark(this.apply, "disabled", !mayCommand || !isBefore || isApplied);
     mark(this.undo, "disabled", !mayCommand || !isApplied);
+    this._last.hidden = !isApplied;
+    if (probe && isApplied) {
+      say(this._then, then(probe, isFresh));
+    }
     const isGood = findings.every((/** @type {any} */ one) => one.verdict === "good");
     const words = outcome === null ? (isGood ? "it holds" : "calibrate again") : "";
     const state = isApplied ? "in force" : isBefore ? "not in force yet" : "other params are in force";
@@ -78,6 +89,27 @@ export class ResultCard {
       this._list.replaceChildren(...(outcome === null ? checked(findings) : rows(outcome)));
     }
   }
+}
+
+/**
+ * What is left to do once a calibration is in force, and then how good the poses are.
+ * @param {Probe} probe
+ * @param {boolean} isFresh
+ */
+function then({ pose, status }, isFresh) {
+  if (pose === null || !isFresh) {
+    return "Last step: start the probe, and lay it still for 3 s.";
+  }
+  if (pose.flags.includes("uncalibrated")) {
+    return "Last step: lay it on the table and let go for 3 s. It measures the zero of its gyroscope, which has to be done after each start.";
+  }
+  const { tilt_sigma_deg: tilt, heading_sigma_deg: turn } = pose;
+  const { tilt: noTilt, heading: noTurn } = status?.quality?.withheld ?? {};
+  if (tilt === null || turn === null) {
+    const why = (tilt === null ? noTilt : noTurn) ?? "it is finding level and north: a few seconds";
+    return `Nearly there: ${why}.`;
+  }
+  return `Ready. As it lies now: tilt ${sigma(tilt)}, heading ${sigma(turn)}; two of three true errors are smaller.`;
 }
 
 /**

@@ -4,6 +4,7 @@
 // heading, a cone about the body's z for the tilt.
 
 import * as three from "../vendor/three/three.module.min.js";
+import { errorsOf } from "../model.js";
 import { heading } from "../rotation.js";
 import { flat } from "./parts.js";
 import { RING } from "./world.js";
@@ -48,7 +49,7 @@ export class Errors {
   /** @param {Pose} pose */
   show(pose) {
     const toNorth = heading(pose.q);
-    const sigma = pose.heading_sigma_deg;
+    const { heading_sigma_deg: sigma, tilt_sigma_deg: tilt } = errorsOf(pose);
     this._needle.visible = toNorth !== null;
     this._sector.visible = toNorth !== null && sigma !== null;
     const turn = (-(toNorth ?? 0) * Math.PI) / 180;
@@ -59,7 +60,6 @@ export class Errors {
       this._sector.geometry.dispose();
       this._sector.geometry = sector(Math.min(180, Math.max(LEAST, SIGMAS * sigma)));
     }
-    const tilt = pose.tilt_sigma_deg;
     this._cone.visible = tilt !== null;
     if (tilt !== null && Math.abs(tilt - this._shown.tilt) > 0.02) {
       this._shown.tilt = tilt;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What stands still: the horizon with its compass ring, and the axes east, north, up.
+// What stands still: the horizon with its compass ring, and the axes east, north, up. With
+// an origin of its own, a probe's world is that origin: no ring of it knows where north is.
 
 import * as three from "../vendor/three/three.module.min.js";
 import { arrow, flat, segments, word } from "./parts.js";
@@ -21,12 +22,37 @@ function at(heading, radius) {
   return [radius * Math.sin(angle), radius * Math.cos(angle), 0];
 }
 
+// Words on the ring and at the arrows x, y, z.
+const EARTH = {
+  ring: /** @type {Record<number, string>} */ ({ 0: "N", 90: "E", 180: "S", 270: "W" }),
+  height: 0.2,
+  arrows: ["east", "north", "up"],
+};
+const ORIGIN = {
+  ring: /** @type {Record<number, string>} */ ({ 0: "left", 90: "front", 180: "right", 270: "back" }),
+  height: 0.13,
+  arrows: ["x of the origin", "y of the origin", "z of the origin"],
+};
+
+/**
+ * The angle that the ring shows at a compass heading of the picture: from north, or from
+ * the origin's front to either side.
+ * @param {number} heading
+ * @param {boolean} isOrigin
+ */
+function degreesAt(heading, isOrigin) {
+  const turned = (heading + 270) % 360;
+  return isOrigin ? String(Math.min(turned, 360 - turned)) : String(heading).padStart(3, "0");
+}
+
 /**
  * The world in the theme's colours.
  * @param {Colours} colours
  * @param {boolean} hasGround
+ * @param {boolean} isOrigin it is that of the probe's own origin
  */
-export function makeWorld(colours, hasGround) {
+export function makeWorld(colours, hasGround, isOrigin) {
+  const words = isOrigin ? ORIGIN : EARTH;
   const world = new three.Group();
   const ground = new three.Mesh(
     new three.CircleGeometry(RING, 96),
@@ -67,18 +93,19 @@ export function makeWorld(colours, hasGround) {
     world.add(circle);
   }
   for (let heading = 0; heading < 360; heading += 30) {
-    const name = { 0: "N", 90: "E", 180: "S", 270: "W" }[heading];
+    const name = words.ring[heading];
     const colour = name === undefined ? colours.muted : colours.ink;
-    const text = name ?? String(heading).padStart(3, "0");
-    world.add(word(text, colour, at(heading, RING + 0.15), name ? 0.2 : 0.11));
+    const text = name ?? degreesAt(heading, isOrigin);
+    world.add(word(text, colour, at(heading, RING + 0.15), name ? words.height : 0.11));
   }
+  const [x, y, z] = words.arrows;
   world.add(
     arrow([0.42, 0, 0], colours.x, 0.008),
     arrow([0, 0.42, 0], colours.y, 0.008),
     arrow([0, 0, 1.05], colours.z, 0.008),
-    word("up", colours.z, [0, 0, 1.14], 0.12),
-    word("east", colours.x, [0.55, 0, 0.03], 0.1),
-    word("north", colours.y, [0, 0.56, 0.03], 0.1),
+    word(z, colours.z, [0, 0, 1.14], 0.12),
+    word(x, colours.x, [0.55, 0, 0.03], 0.1),
+    word(y, colours.y, [0, 0.56, 0.03], 0.1),
   );
   return world;
 }

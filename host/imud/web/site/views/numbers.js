@@ -4,6 +4,7 @@
 
 import { make, mark, say } from "../dom.js";
 import { angle, fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
+import { errorsOf } from "../model.js";
 import { heading, toAngles } from "../rotation.js";
 import { convention, conventionChoice } from "./convention.js";
 import { both, voidWords } from "./words.js";
@@ -37,6 +38,16 @@ class Quantity {
     this.row.hidden = value === null;
     say(this._value, value ?? "");
     say(this._error, error);
+  }
+
+  /**
+   * An angle; one whose error is not known has no decimals to rely on.
+   * @param {number} degrees
+   * @param {number | null} error one sigma
+   */
+  angle(degrees, error) {
+    this.show(error === null ? fixed(degrees, 0, 4) : angle(degrees), sigma(error));
+    mark(this.row, "data-unknown", error === null);
   }
 }
 
@@ -114,18 +125,19 @@ export class Numbers {
   _pose(pose) {
     const { yaw, pitch, roll } = toAngles(pose.q, this._convention);
     const since = pose.since_origin ?? null;
-    const errors = since !== null && since.void === null ? since : pose;
-    const tilt = sigma(errors.tilt_sigma_deg);
-    const turn = sigma(errors.heading_sigma_deg);
+    const errors = errorsOf(pose);
+    const { tilt_sigma_deg: tilt, heading_sigma_deg: turn } = errors;
     this._since.hidden = since === null;
     say(this._since, since === null ? "" : sinceWords(since));
     // NECTEC's paper calls the rotation about the vertical roll.
     const isTurned = this._convention === "nectec";
-    this._yaw.show(angle(yaw), isTurned ? tilt : turn);
-    this._pitch.show(angle(pitch), tilt);
-    this._roll.show(angle(roll), isTurned ? turn : tilt);
-    const toNorth = heading(pose.q);
-    this._heading.show(fixed(toNorth, 1, 5), toNorth === null ? "upright" : sigma(pose.heading_sigma_deg));
+    this._yaw.angle(yaw, isTurned ? tilt : turn);
+    this._pitch.angle(pitch, tilt);
+    this._roll.angle(roll, isTurned ? turn : tilt);
+    // From an origin of its own nothing tells where north is.
+    const toNorth = pose.flags.includes("tared") ? null : fixed(heading(pose.q), 1, 5);
+    const isUpright = heading(pose.q) === null;
+    this._heading.show(toNorth, isUpright ? "upright" : sigma(pose.heading_sigma_deg));
     const mm = pose.position_m?.map((metres) => fixed(metres * 1000, 1, 7));
     this._tip.show(mm?.join(" ") ?? null);
     mark(this.element, "data-number", String(pose.number));

@@ -4,13 +4,13 @@
 
 import { make } from "../dom.js";
 
-/** @typedef {[words: string, kind: "good" | "warn" | "bad" | ""]} Words */
+/** @typedef {[words: string, kind: "good" | "warn" | "bad" | "", to?: string]} Words `to`: a link */
 
 /** @type {Record<string, Words>} */
 export const STATES = {
   streaming: ["streaming", "good"],
   idle: ["idle", ""],
-  calibrating: ["calibrating", "warn"],
+  calibrating: ["starting: lay it still", "warn"],
   fault: ["fault", "bad"],
   silent: ["silent", "bad"],
   gone: ["unplugged", "bad"],
@@ -21,8 +21,8 @@ export const STATES = {
 
 /** @type {Record<string, Words>} */
 const FLAGS = {
-  starting: ["settling", "warn"],
-  uncalibrated: ["gyroscope not calibrated", "warn"],
+  starting: ["finding level and north", "warn"],
+  uncalibrated: ["gyroscope's zero not known: lay it still for 3 s", "warn"],
   at_rest: ["at rest", ""],
   mag_disturbed: ["magnetic disturbance", "warn"],
   mag_absent: ["no magnetometer", "warn"],
@@ -76,7 +76,10 @@ export function showChips(element, all, kind = "") {
   const text = JSON.stringify(all);
   if (element.dataset.words !== text) {
     element.dataset.words = text;
-    const chips = all.map(([words, colour]) => make("span", { class: `chip ${colour} ${kind}` }, words));
+    const chips = all.map(([words, colour, to]) => {
+      const look = { class: `chip ${colour} ${kind}` };
+      return to ? make("a", { ...look, href: to }, words) : make("span", look, words);
+    });
     element.replaceChildren(...chips);
   }
 }
@@ -94,7 +97,9 @@ export function concerns(status) {
   const sentences = words.map((/** @type {string} */ each) => [each, isBad ? "bad" : "warn"]);
   const advice = status?.params?.advice;
   if (advice) {
-    sentences.push([advice, "warn"]);
+    // The command line's words; here it is a view.
+    const words = advice.replaceAll("imud calibrate verify", "check it").replaceAll("imud calibrate", "calibrate it");
+    sentences.push([words, "warn", `#/calibrate/${encodeURIComponent(status.probe)}`]);
   }
   for (const each of status?.quality?.withheld?.words ?? []) {
     sentences.push([each, "warn"]);
