@@ -27,12 +27,13 @@ const TOAST_MS = 5000;
 const toasts = make("div", { class: "toasts", role: "status", "aria-live": "polite" });
 
 /**
- * Shows a line for some seconds.
+ * Shows a line for some seconds; the same one again in the place of the one before.
  * @param {string} text
  * @param {boolean} [isBad]
  */
 export function tell(text, isBad = false) {
   const toast = make("div", { class: isBad ? "toast bad" : "toast" }, text);
+  [...toasts.children].find((before) => before.textContent === text)?.remove();
   toasts.append(toast);
   setTimeout(() => toast.remove(), TOAST_MS);
 }

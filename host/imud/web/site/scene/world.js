@@ -31,7 +31,7 @@ const EARTH = {
 const ORIGIN = {
   ring: /** @type {Record<number, string>} */ ({ 0: "left", 90: "front", 180: "right", 270: "back" }),
   height: 0.13,
-  arrows: ["x of the origin", "y of the origin", "z of the origin"],
+  arrows: ["", "", "z of the origin"], // the ring names the others
 };
 
 /**
@@ -104,8 +104,9 @@ export function makeWorld(colours, hasGround, isOrigin) {
     arrow([0, 0.42, 0], colours.y, 0.008),
     arrow([0, 0, 1.05], colours.z, 0.008),
     word(z, colours.z, [0, 0, 1.14], 0.12),
-    word(x, colours.x, [0.55, 0, 0.03], 0.1),
-    word(y, colours.y, [0, 0.56, 0.03], 0.1),
   );
+  if (x && y) {
+    world.add(word(x, colours.x, [0.55, 0, 0.03], 0.1), word(y, colours.y, [0, 0.56, 0.03], 0.1));
+  }
   return world;
 }

@@ -97,8 +97,11 @@ export class Controls {
     const isReadOnly = link.state === "open" && !page.commands;
     say(this._why, isReadOnly ? `As a ${page.role} you may look, not command.` : "");
     this._why.hidden = !isReadOnly;
-    const isStreaming = probe?.state(performance.now()) === "streaming";
+    const state = probe?.state(performance.now());
+    const isStreaming = state === "streaming";
     mark(this._start, "class", isStreaming ? "" : "primary");
+    mark(this._start, "aria-pressed", String(isStreaming));
+    mark(this._stop, "aria-pressed", String(state === "idle"));
     const isLogged = probe?.status?.log?.state !== "off";
     say(this._log, isLogged ? "Stop its log" : "Start its log");
     const hello = probe?.status?.hello;

@@ -80,6 +80,10 @@ export class Numbers {
     this._battery = new Quantity("Battery", "V");
     this._radio = new Quantity("Radio", "");
     this._card = new Quantity("Card", "");
+    // What a probe may not have is shown once it has it.
+    for (const each of [this._tip, this._stroke, this._closure, this._battery, this._radio, this._card]) {
+      each.show(null);
+    }
     const choice = conventionChoice(() => {
       this._convention = convention();
     });
@@ -135,9 +139,12 @@ export class Numbers {
     this._pitch.angle(pitch, tilt);
     this._roll.angle(roll, isTurned ? turn : tilt);
     // From an origin of its own nothing tells where north is.
-    const toNorth = pose.flags.includes("tared") ? null : fixed(heading(pose.q), 1, 5);
-    const isUpright = heading(pose.q) === null;
-    this._heading.show(toNorth, isUpright ? "upright" : sigma(pose.heading_sigma_deg));
+    const toNorth = heading(pose.q);
+    const north = fixed(toNorth, turn === null ? 0 : 1, 5);
+    this._heading.show(
+      pose.flags.includes("tared") ? null : north,
+      toNorth === null ? "upright" : sigma(turn),
+    );
     const mm = pose.position_m?.map((metres) => fixed(metres * 1000, 1, 7));
     this._tip.show(mm?.join(" ") ?? null);
     mark(this.element, "data-number", String(pose.number));
