@@ -36,6 +36,7 @@ class Handler(Enum):
     CLOSE = auto()
     CONFIGURE = auto()
     LEND = auto()
+    MARK = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +224,16 @@ _ROWS = (
         "capture",
         "keep a probe's current orientation as a target to aim at",
         handler=Handler.CAPTURE,
+    ),
+    ProbeCommand(
+        "mark",
+        "put a value or a note into the log, with where the tip is at that moment",
+        (
+            Argument("value", "number", is_optional=True),
+            Argument("text", "text", length_max=200, is_optional=True),
+        ),
+        needs="value=NUMBER or text=WORDS of at most 200 characters, or both",
+        handler=Handler.MARK,
     ),
     ProbeCommand("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
     ProbeCommand(

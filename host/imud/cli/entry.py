@@ -51,7 +51,7 @@ class _Parser(GroupedParser):
     groups: ClassVar = {
         "the daemon": ("run", "config", "install-service", "keys"),
         "watch": ("list", "monitor", "view", "listen", "strokes", "body"),
-        "command": ("start", "stop", "tare", "restart", "name"),
+        "command": ("start", "stop", "tare", "restart", "name", "mark"),
         "calibrate": ("calibrate", "params"),
         "logs": (
             "record",

@@ -28,6 +28,7 @@ def add(commands: Commands) -> None:
             add_network(parser)
             parser.set_defaults(run=_command, command=row.name)
     _add_name(commands)
+    _add_mark(commands)
 
 
 def _add_name(commands: Commands) -> None:
@@ -43,6 +44,43 @@ def _add_name(commands: Commands) -> None:
     name.add_argument("name", metavar="NAME", help="the new one, without / and spaces")
     add_network(name)
     name.set_defaults(run=_name)
+
+
+def _add_mark(commands: Commands) -> None:
+    mark = add_command(
+        commands,
+        "mark",
+        "put a value or a note into the log, with where the tip is",
+        "imud mark stylus 0.42 --note 'second press'",
+        "It is published on imud/PROBE/mark with the pose of that moment and its "
+        "errors, logged, shown on the page, and a table of imud export.",
+    )
+    mark.add_argument("probe", metavar="PROBE", help="name or id of the probe")
+    mark.add_argument(
+        "value", metavar="VALUE", nargs="?", help="a number that was measured there"
+    )
+    mark.add_argument("--note", metavar="TEXT", help="words, at most 200 characters")
+    add_network(mark)
+    mark.set_defaults(run=_mark)
+
+
+def _mark(args: argparse.Namespace) -> int:
+    given = {"value": args.value, "text": args.note}
+    arguments = {name: value for name, value in given.items() if value is not None}
+    with client_of(args) as client:
+        probe = client.only_probe(args.probe)
+        found = client.command(probe, "mark", **arguments)["value"]
+    place, error = found["position_m"], found["position_sigma_m"]
+    if found["q"] is None:
+        where = "no pose yet"
+    elif place is None:
+        where = "the place of its tip is not known"
+    else:
+        mm = " ".join(f"{1000.0 * each:.1f}" for each in place)
+        sure = "" if error is None else f" +-{1000.0 * error:.1f}"
+        where = f"tip at {mm}{sure} mm"
+    sys.stdout.write(f"{probe}: marked; {where}\n")
+    return 0
 
 
 def _name(args: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ from imud.commands import COMMANDS, LENT_MAX_S, Handler
 from imud.daemon.aiming import aim_at, capture
 from imud.daemon.commands import Commander, arguments_of
 from imud.daemon.intake import Intake
+from imud.daemon.marking import mark
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import HistoryFiles
 from imud.errors import CommandRefused, ImudError
@@ -84,6 +85,8 @@ class CommandRunner:
                 return self._configure
             case Handler.LEND:
                 return self._lend
+            case Handler.MARK:
+                return self._mark
         assert_never(handler)
 
     async def _change_params(self, probe: str, _: str, parameters: Parameters) -> Any:
@@ -105,6 +108,10 @@ class CommandRunner:
         if parameters:  # there is no such command with arguments
             return await self._commander.command(probe, command, parameters)
         return self._intake.close_path(self._commander.entry_of(probe))
+
+    async def _mark(self, probe: str, _: str, parameters: Parameters) -> Any:
+        entry = self._commander.entry_of(probe)
+        return self._intake.mark(entry, mark(entry, parameters))
 
     async def _configure(
         self, probe: str, _: str, parameters: Parameters

@@ -5,7 +5,7 @@ the journal.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from imud.config.settings import Config
@@ -14,7 +14,7 @@ from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
 from imud.daemon.log_state import LogWatch
 from imud.daemon.params_watch import ParamsWatch
-from imud.daemon.publisher import RecordPublisher
+from imud.daemon.publisher import MARK, RecordPublisher
 from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
 from imud.daemon.reports import Reports
 from imud.daemon.sensor_watch import follow_event, follow_status, sensor_findings
@@ -124,6 +124,11 @@ class Intake:
             )
         self._publisher.say_closing(entry, closing, "command", self._clock.now_ns())
         return closing
+
+    def mark(self, entry: ProbeEntry, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Publishes what was noted now, and returns it."""
+        t_ns = self._clock.now_ns()
+        return self._publisher.say(entry, MARK, {"t_ns": t_ns, **values}, t_ns)
 
     def handle(self, event: Event, port: ProbePort) -> None:
         if isinstance(event, Received):

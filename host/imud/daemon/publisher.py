@@ -16,6 +16,8 @@ AIM = "aim"  # topic: how near a probe is to where it should be
 
 PATH = "path"  # topic: a path of strokes, closed
 
+MARK = "mark"  # topic: a value or a note from outside, with the pose of then
+
 
 class RecordPublisher:
     """The way of all records from the daemon to the hub."""

@@ -14,10 +14,11 @@ from imud.roles import Role
 from imud.ros2 import topics
 
 ROLES: dict[Role, str] = {
-    "viewer": "pose, aim, stroke, path, status and params",
-    "operator": "pose, aim, stroke, path, status, params, event and raw; commands",
-    "recorder": "pose, aim, stroke, path, status, params, event, raw, frame, twin, "
-    "learn, clock and log",
+    "viewer": "pose, aim, stroke, path, mark, status and params",
+    "operator": "pose, aim, stroke, path, mark, status, params, event and raw; "
+    "commands",
+    "recorder": "pose, aim, stroke, path, mark, status, params, event, raw, frame, "
+    "twin, learn, clock and log",
     "daemon": "another imud, which publishes into this network",
 }
 
@@ -25,14 +26,18 @@ Rule = dict[str, Any]
 
 # The last parts of the keys that a role may read.
 READS: dict[Role, tuple[str, ...]] = {
-    "viewer": ("pose", "aim", "stroke", "path", "status", "params"),
+    "viewer": ("pose", "aim", "stroke", "path", "mark", "status", "params"),
     # To calibrate a probe takes its samples and events.
-    "operator": ("pose", "aim", "stroke", "path", "status", "params", "event", "raw"),
+    "operator": (
+        *("pose", "aim", "stroke", "path", "mark", "status", "params"),
+        *("event", "raw"),
+    ),
     "recorder": (
         "pose",
         "aim",
         "stroke",
         "path",
+        "mark",
         "status",
         "params",
         "event",

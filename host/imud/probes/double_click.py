@@ -27,6 +27,11 @@ class PathCloser:
         """The path now, as StrokePath.closing() has it."""
         return self._path.closing()
 
+    @property
+    def sigma_m(self) -> list[float]:
+        """One-sigma errors of the path's end; empty without strokes."""
+        return self._path.sigma_m if self._path.places else []
+
     def on_record(self, record: Published) -> dict[str, Any] | None:
         """A pose, stroke or event as published. The path, if this closes it."""
         if record["type"] == "pose":

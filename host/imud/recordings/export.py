@@ -73,6 +73,17 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "path_sigma_m": parts_of("path_sigma_m"),
         "flags": ("flags",),
     },
+    "mark": {
+        **_named("t_ns", "value", "text", "t_pose_ns", "t_device_us", "number"),
+        "q": parts_of("q", "wxyz"),
+        "position_m": parts_of("position_m"),
+        "position_sigma_m": ("position_sigma_m",),
+        "normal": parts_of("normal"),
+        "tilt_sigma_deg": ("tilt_sigma_deg",),
+        "heading_sigma_deg": ("heading_sigma_deg",),
+        "flags": ("flags",),
+        **_named(*(f"since_origin.{key}" for key in _SINCE)),
+    },
     "status": _named(
         "t_ns",
         "state",
@@ -92,14 +103,14 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
 _WORDS = frozenset(
     {
         *("flags", "event", "cause", "end", "state", "port", "reason", "utc_host"),
-        *("log.state", "twin.state", "since_origin.void"),
+        *("log.state", "twin.state", "since_origin.void", "text"),
     }
 )
 _INTEGERS = frozenset(
     {
         *(_HEAD.keys() - _WORDS),
         *("acc_counts", "gyr_counts", "mag_counts", "params_digest", "detail"),
-        *("stroke", "windows"),
+        *("stroke", "windows", "t_pose_ns"),
         *("compared", "differed", "step_ns", "dropped"),
         *("clock.offset_ns", "clock.bound_us"),
         *(f"ledger.{key}" for key in _LEDGER),

@@ -21,7 +21,7 @@ LATEST = frozenset(
 )
 EVENT = "event"
 # Topics of which a browser can ask for every payload of one probe.
-STREAMS = frozenset({"pose", "aim", "raw", "stroke", "path", BODY})
+STREAMS = frozenset({"pose", "aim", "raw", "stroke", "path", "mark", BODY})
 
 # Payloads of one key that wait for the loop: a second of a probe at 1000 Hz.
 FRESH_MAX = 1000

@@ -39,6 +39,7 @@ BESIDE = {
     "tare": ([], "tare done"),
     "restart": ([], "restart done"),
     "name": (["00112233445566aa", "00112233445566aa"], "is called"),
+    "mark": (["00112233445566aa", "0.5"], "marked"),
     "params": (["history", "00112233445566aa"], ""),
     "calibrate": (["undo", "nosuch"], "no probe nosuch"),
     "check": (["nosuch"], "no probe nosuch"),

@@ -5,6 +5,7 @@
 import { keep, kept, make, mark, say } from "../dom.js";
 import { span } from "../format.js";
 import { Scene } from "../scene/scene.js";
+import { MarksCard } from "../marks.js";
 import { Controls } from "./controls.js";
 import { Numbers } from "./numbers.js";
 import { concerns, flagWords, showChips, STATES } from "./words.js";
@@ -54,9 +55,11 @@ export class ProbeView {
     this._legend = make("p", { class: "over bottom-right legend" }, LEGEND);
     this._numbers = new Numbers();
     this._controls = new Controls(model);
+    this._marks = new MarksCard(model);
     this.keys = /** @type {import("../keys.js").Map} */ ({
       ...this._controls.keys,
       b: ["probe or cuboid", () => this._nextBody()],
+      m: ["mark: a value or a note", () => this._marks.focus()],
     });
     this._body = choice(
       "Body",
@@ -94,7 +97,7 @@ export class ProbeView {
         this._legend,
         this._empty,
       ),
-      make("aside", { class: "side" }, this._numbers.element, this._controls.element),
+      make("aside", { class: "side" }, this._numbers.element, this._controls.element, this._marks.element),
     );
     this.scene = this._makeScene();
     this._setBody(this._body.value);
@@ -119,6 +122,7 @@ export class ProbeView {
     const probe = this._model.probe;
     this._empty.hidden = this._model.probes.size > 0;
     this._controls.draw();
+    this._marks.draw();
     if (probe !== undefined) {
       const isStale = probe.isStale(nowMs) || this._model.link.state !== "open";
       if (probe.pose !== null) {
