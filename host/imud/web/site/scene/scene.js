@@ -43,13 +43,14 @@ export class Scene extends View3d {
    * @param {HTMLElement} parent
    * @param {three.Object3D} [attached] turns with the body, in the place of its path and
    *   of the shapes of its errors
+   * @param {three.Object3D} [beside] stands in the world
    */
-  constructor(parent, attached) {
+  constructor(parent, attached, beside) {
     super(parent);
     this._attached = attached;
     this.body = new three.Group();
     this.body.visible = false; // until there is a pose
-    this._scene.add(this.body);
+    this._scene.add(this.body, ...(beside ? [beside] : []));
     this._errors = new Errors(this._scene, this.body);
     this._trail = new Trail(this._isSlow ? 90 : 180);
     this.path = new Path();

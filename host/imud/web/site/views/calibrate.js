@@ -6,6 +6,7 @@
 import { make } from "../dom.js";
 import { tell } from "../header.js";
 import { Cloud } from "../calibrate/cloud.js";
+import { Ghost } from "../calibrate/ghost.js";
 import { Cover } from "../calibrate/cover.js";
 import { GuideCard } from "../calibrate/guide.js";
 import { ResultCard } from "../calibrate/result.js";
@@ -14,6 +15,8 @@ import { coloursOf, Scene } from "../scene/scene.js";
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {import("../link.js").Line} Line */
 
+const LEGEND = "pale: how it should lie next; arrow: the turn; green: was up; blue: should be up";
+
 /** A view of the selected probe. */
 export class CalibrateView {
   /** @param {Model} model */
@@ -21,6 +24,7 @@ export class CalibrateView {
     this._model = model;
     this.every = ["raw"];
     this._cover = new Cover();
+    this._ghost = new Ghost();
     this._cloud = new Cloud();
     this._guide = new GuideCard({
       begin: () => this._do(this._guide.kind.value),
@@ -62,6 +66,7 @@ export class CalibrateView {
   recolour() {
     this.scene?.recolour();
     this._cover.recolour(coloursOf());
+    this._ghost.recolour(coloursOf());
     this._cloud.recolour();
   }
 
@@ -85,12 +90,31 @@ export class CalibrateView {
     if (this._cover.show(isGuided ? line.ups : [], isGuided ? line.wanted : null)) {
       this.scene?.invalidate();
     }
-    this._legend.textContent = isGuided ? "green: was up; blue: lay it so that this is up" : "";
+    if (this._ghost.show(...this._next(line, isGuided))) {
+      this.scene?.invalidate();
+    }
+    this._legend.textContent = isGuided ? LEGEND : "";
     if (probe?.pose) {
       this.scene?.show(probe.pose);
       this.scene?.setStale(!isFresh);
     }
     this.scene?.draw();
+  }
+
+  /**
+   * What the ghost shows: from which attitude, which direction should be up, and whether
+   * half a turn is wanted. From an origin of its own, and with a module that is mounted
+   * in another way, the attitude is not that of the housing.
+   * @param {Line | null} line
+   * @param {boolean} isGuided
+   * @returns {[import("../rotation.js").Quat | null, [number, number, number] | null, boolean]}
+   */
+  _next(line, isGuided) {
+    const pose = this._model.probe?.pose ?? null;
+    const mount = line?.mount ?? null;
+    const isHousing = pose !== null && !pose.flags.includes("tared") && (mount === null || mount.is_plain);
+    const isShown = isGuided && line?.phase === "running" && isHousing;
+    return [isShown ? pose.q : null, line?.wanted ?? null, line?.step === "half_turn"];
   }
 
   /** @param {Line} line */
@@ -134,7 +158,7 @@ export class CalibrateView {
 
   _makeScene() {
     try {
-      return new Scene(this._stage, this._cover.group);
+      return new Scene(this._stage, this._cover.group, this._ghost.group);
     } catch (error) {
       this._stage.append(make("p", { class: "empty" }, `No 3D picture: ${error}`));
       return null;
