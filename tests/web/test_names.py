@@ -24,7 +24,7 @@ def test_a_probe_is_followed_to_its_new_name_on_every_page(
             "imud.link.addEventListener('state', () => imud.states.push(0))"
         )
         page = shown.page
-        page.get_by_text("Name, log, rates, reset").click()
+        page.get_by_text("Name, log, sound, rates, reset").click()
         page.fill("[name=probe-name]", "stylus")
         page.get_by_role("button", name="Rename").click()
         page.get_by_text("Rename: done").wait_for()

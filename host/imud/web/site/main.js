@@ -164,6 +164,7 @@ class Page {
     const wanted = selected ? every.map((topic) => [selected, topic]) : [];
     this.link.watch([...wanted, ...more], hz, selected);
     this.header.draw(performance.now());
+    this.model.alarm.listen(performance.now());
     this.guarded(() => this.view?.draw(performance.now()));
     this.link.drawn();
   }

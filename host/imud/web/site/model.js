@@ -2,6 +2,7 @@
 // @ts-check
 // What the page knows of the probes: the last of each kind of message, and when it came.
 
+import { Alarm } from "./alarm.js";
 import { Marks } from "./marks.js";
 import { Strokes } from "./strokes.js";
 
@@ -150,6 +151,7 @@ export class Model extends EventTarget {
     this.played = null; // where the log is that is played
     this.strokes = new Strokes(this);
     this.marks = new Marks(this);
+    this.alarm = new Alarm(this);
     /** @type {Map<string, Body>} */
     this.bodies = new Map();
     link.addEventListener("line", (event) => {

@@ -6,7 +6,7 @@ import { make, save } from "../dom.js";
 import { fixed } from "../format.js";
 import { tell } from "../header.js";
 import { toAngles } from "../rotation.js";
-import { allowSound } from "./sound.js";
+import { allowSound } from "../sound.js";
 
 /** @typedef {import("./target.js").Target} Target */
 /** @typedef {import("./targets.js").Targets} Targets */

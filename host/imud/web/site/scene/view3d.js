@@ -4,6 +4,7 @@
 // something has changed.
 
 import * as three from "../vendor/three/three.module.min.js";
+import { mark } from "../dom.js";
 import { isDrawnByProcessor } from "./card.js";
 import { Orbit } from "./orbit.js";
 
@@ -68,6 +69,25 @@ export class View3d {
       this._renderer.render(this._scene, this._camera);
       this.frames += 1;
     }
+  }
+
+  /**
+   * Says in words what the picture shows.
+   * @param {string} text
+   */
+  describe(text) {
+    mark(this.canvas, "aria-label", text);
+  }
+
+  /**
+   * The picture as it is now.
+   * @returns {Promise<Blob | null>}
+   */
+  picture() {
+    this.orbit.place(this._camera);
+    // What was drawn is there until the browser has shown it.
+    this._renderer.render(this._scene, this._camera);
+    return new Promise((resolve) => this.canvas.toBlob(resolve));
   }
 
   close() {

@@ -11,7 +11,6 @@ import { reduce } from "./reduce.js";
 /** @typedef {import("./history.js").History} History */
 /** @typedef {{ from: number, to: number }} Window seconds */
 
-const HEIGHT = 168;
 const LEAST_RANGE = 0.2; // of the y axis: noise of a probe at rest does not fill it
 const FONT = "12px system-ui, sans-serif";
 const TIME_SPACE = 84; // pixels between two times below the plot
@@ -161,19 +160,22 @@ export class Chart {
   }
 
   _resize() {
-    const width = this._canvas.clientWidth;
+    const { clientWidth: width, clientHeight: height } = this._canvas;
     if (width < 10) {
       return;
     }
     if (this._plot === null) {
-      this._plot = new uPlot(this._options(width), [[]], this._canvas);
-    } else if (this._plot.width !== width) {
-      this._plot.setSize({ width, height: HEIGHT });
+      this._plot = new uPlot(this._options(width, height), [[]], this._canvas);
+    } else if (this._plot.width !== width || this._plot.height !== height) {
+      this._plot.setSize({ width, height });
     }
   }
 
-  /** @param {number} width */
-  _options(width) {
+  /**
+   * @param {number} width
+   * @param {number} height
+   */
+  _options(width, height) {
     const axis = {
       stroke: css("muted"),
       font: FONT,
@@ -183,7 +185,7 @@ export class Chart {
     /** @type {uPlot.Options} */
     const options = {
       width,
-      height: HEIGHT,
+      height,
       legend: { show: false },
       cursor: {
         sync: { key: "imud" },

@@ -11,7 +11,7 @@ import { List } from "../aim/list.js";
 import { Polar } from "../aim/polar.js";
 import { Protocol } from "../aim/protocol.js";
 import { Reading } from "../aim/reading.js";
-import { chime } from "../aim/sound.js";
+import { chime } from "../sound.js";
 import { Targets } from "../aim/targets.js";
 import { judge, nameOf } from "../aim/target.js";
 import { convention } from "./convention.js";

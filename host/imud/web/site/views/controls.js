@@ -46,12 +46,13 @@ export class Controls {
     const more = make(
       "details",
       {},
-      make("summary", {}, "Name, log, rates, reset"),
+      make("summary", {}, "Name, log, sound, rates, reset"),
       make(
         "div",
         { class: "stack inner" },
         this._makeRename(),
         make("div", { class: "row" }, this._log),
+        model.alarm.choice(),
         this._rates,
         make(
           "div",

@@ -34,7 +34,11 @@ export class LimbView {
     this._empty = make(
       "p",
       { class: "empty" },
-      "No limb yet. docs/limb.md tells how to wear the probes and start one: imud body FILE",
+      "No limb yet. Strap a probe to each segment, say in a file which one is where, and run ",
+      make("b", {}, "imud body leg.toml"),
+      " beside the daemon. A leg to try, without any probe: ",
+      make("b", {}, "imud sim leg"),
+      ", which says what to run next.",
     );
     this._align = new AlignCard();
     this._angles = new AnglesCard();

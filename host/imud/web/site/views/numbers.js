@@ -70,7 +70,7 @@ export class Numbers {
     this._pitch = new Quantity("Pitch", "°");
     this._roll = new Quantity("Roll", "°");
     this._since = make("p", { class: "muted", "data-part": "since", hidden: true });
-    this._heading = new Quantity("Heading", "°");
+    this._heading = new Quantity("From north", "°", "heading");
     this._tip = new Quantity("Tip", "mm");
     this._stroke = new Quantity("Stroke", "mm");
     this._closure = new Quantity("Closure", "mm");
@@ -98,6 +98,7 @@ export class Numbers {
         ...rows(this._yaw, this._pitch, this._roll),
       ),
       this._since,
+      make("p", { class: "muted small" }, "± is one sigma: two of three true errors are smaller."),
       make(
         "dl",
         { class: "quantities" },

@@ -2,11 +2,13 @@
 // @ts-check
 // One probe: the 3D picture, its numbers with their errors, and what can be done to it.
 
-import { keep, kept, make, mark, say } from "../dom.js";
-import { span } from "../format.js";
+import { keep, kept, make, mark, save, say } from "../dom.js";
+import { fixed, span } from "../format.js";
+import { toAngles } from "../rotation.js";
 import { Scene } from "../scene/scene.js";
 import { MarksCard } from "../marks.js";
 import { Controls } from "./controls.js";
+import { convention } from "./convention.js";
 import { Numbers } from "./numbers.js";
 import { concerns, flagWords, showChips, STATES } from "./words.js";
 
@@ -15,6 +17,7 @@ import { concerns, flagWords, showChips, STATES } from "./words.js";
 
 // Numbers change at most this often: faster ones can't be read.
 const NUMBERS_MS = 50;
+const DESCRIBE_MS = 1000; // a reader that speaks needs longer than a screen
 const LEGEND = "sector and cone: two sigma";
 
 /**
@@ -32,6 +35,20 @@ function choice(name, choices, onChange) {
   return field;
 }
 
+/**
+ * The picture in words.
+ * @param {Probe} probe
+ * @param {boolean} isStale
+ */
+function described({ name, pose }, isStale) {
+  if (pose === null) {
+    return `${name}: no pose yet`;
+  }
+  const { yaw, pitch, roll } = toAngles(pose.q, convention());
+  const angles = `yaw ${fixed(yaw, 0)}, pitch ${fixed(pitch, 0)}, roll ${fixed(roll, 0)} degrees`;
+  return `${name}: ${angles}${isStale ? ", old" : ""}`;
+}
+
 /** A view of the selected probe. */
 export class ProbeView {
   /** @param {Model} model */
@@ -40,6 +57,7 @@ export class ProbeView {
     /** @type {readonly string[]} */
     this.every = [];
     this._numbersMs = 0;
+    this._describedMs = 0;
     this._stage = make("div", { class: "stage" });
     this._state = make("span", { class: "chip", "data-part": "state" });
     this._age = make("span", { class: "chip warn", "data-part": "age", hidden: true });
@@ -78,6 +96,7 @@ export class ProbeView {
       ],
       (from) => this.scene?.orbit.setBehind(from === "behind"),
     );
+    const picture = make("button", { onclick: () => this._savePicture() }, "Save picture");
     this.element = make(
       "section",
       { class: "probe view" },
@@ -93,7 +112,7 @@ export class ProbeView {
           this._flags,
           this._concerns,
         ),
-        make("div", { class: "over bottom-left" }, this._body, camera),
+        make("div", { class: "over bottom-left" }, this._body, camera, picture),
         this._legend,
         this._empty,
       ),
@@ -145,6 +164,10 @@ export class ProbeView {
    */
   _show(probe, nowMs, isStale) {
     this._numbers.show(probe, this._model.strokes, isStale);
+    if (nowMs - this._describedMs >= DESCRIBE_MS) {
+      this._describedMs = nowMs;
+      this.scene?.describe(described(probe, isStale));
+    }
     const radius = this.scene?.path.radius_m ?? 0;
     say(this._legend, radius ? `two sigma; the ring's radius is ${radius * 100} cm` : LEGEND);
     const state = probe.state(nowMs);
@@ -154,6 +177,14 @@ export class ProbeView {
     say(this._age, `${span((nowMs - probe.poseMs) / 1000)} old`);
     showChips(this._flags, (probe.pose?.flags ?? []).map(flagWords));
     showChips(this._concerns, concerns(probe.status), "sentence");
+  }
+
+  async _savePicture() {
+    const { selected } = this._model;
+    const picture = await this.scene?.picture();
+    if (picture) {
+      save(`${selected}-${new Date().toISOString().slice(0, 19)}.png`, picture);
+    }
   }
 
   _makeScene() {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// Two notes and a vibration when a target is reached.
+// Notes and a vibration: when a target is reached, and when a probe is lost.
 
 const NOTES = [660, 880]; // Hz
 const NOTE_S = 0.14;
@@ -14,13 +14,16 @@ export function allowSound() {
   void context.resume();
 }
 
-/** Tells the ear and the hand. */
-export function chime() {
+/**
+ * Tells the ear and the hand.
+ * @param {readonly number[]} [notes] Hz
+ */
+export function chime(notes = NOTES) {
   navigator.vibrate?.([80, 60, 80]);
   if (context === null || context.state !== "running") {
     return;
   }
-  NOTES.forEach((frequency, index) => {
+  notes.forEach((frequency, index) => {
     const { currentTime, destination } = /** @type {AudioContext} */ (context);
     const begin = currentTime + index * NOTE_S;
     const tone = /** @type {AudioContext} */ (context).createOscillator();
