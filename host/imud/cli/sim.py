@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import above_zero, add_command, whole
+from imud.defaults import PAGE
 from imud.virtual.boards import BOARDS, VirtualBoard
 from imud.virtual.sim import WIRE, default_link, run
 
@@ -31,6 +32,8 @@ _FILES = {
 
 # As imud.virtual.hands has them, which loads numpy.
 HANDS = {
+    "follow": "does what the page of imud run asks: lays it as its guide says, aims",
+    "follow-iron": "the same, beside a loudspeaker",
     "calibrate": "lays it down as the guided calibration asks",
     "check": "lays it down and presses its button as imud check asks",
     "lazy": "as calibrate, but tilts it by about 20 degrees only",
@@ -202,6 +205,12 @@ def _add_module(parser: argparse.ArgumentParser) -> None:
         choices=HANDS,
         help="a hand that calibrates it, finds its tip or measures: "
         + "; ".join(f"{name}: {what}" for name, what in HANDS.items()),
+    )
+    parser.add_argument(
+        "--page",
+        metavar="URL",
+        default=f"http://{PAGE}",
+        help="the page that a hand which follows reads (default: %(default)s)",
     )
 
 

@@ -39,6 +39,10 @@ def try_lock(file: IO[Any], *, is_shared: bool = False) -> bool:  # noqa: ARG001
     return True
 
 
+def shorten_pipe(pipe: IO[Any]) -> None:
+    """Its length can't be changed here."""
+
+
 def sync(descriptor: int) -> None:
     os.fsync(descriptor)
 

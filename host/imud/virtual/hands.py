@@ -3,15 +3,33 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 
-from imud.virtual import calibrating, checking, dimpling, measuring
+from imud.virtual import calibrating, checking, dimpling, following, measuring
 from imud.virtual.motion import Motion
 from imud.virtual.motions.module import Module
 
 
-def pieces_of(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
-    """The endless motion of a hand as a module measures it."""
+def pieces_of(
+    name: str,
+    module: Module,
+    seed: int,
+    rate_hz: float,
+    page: str = "",
+    port: Path | None = None,
+) -> Iterator[Motion]:
+    """The endless motion of a hand as a module measures it. `page`: the address of the
+    one that asks a hand which follows; `port`: that of its probe.
+    """
+    if name in following.NAMES:
+        eyes = following.Eyes(str(port or ""))
+        if page:
+            watching = partial(following.watch, eyes, page)
+            threading.Thread(target=watching, daemon=True).start()
+        return following.pieces(name, module, seed, rate_hz, eyes)
     if name in measuring.PLANS:
         return measuring.pieces(name, module, seed, rate_hz)
     if name in dimpling.WOBBLES:

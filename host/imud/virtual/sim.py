@@ -39,6 +39,9 @@ NEXT_COMMAND_US = 20_000
 # Options of the clock and the wire, for runs in real time.
 WIRE = ("clock-ppm", "clock-drift", "batch-ms", "burst-ms")
 
+# Hands that react to what is shown: what they do must not wait in the pipe.
+FOLLOWING = ("follow", "follow-iron")
+
 FEED_RECORDS = 1024  # a write into the pipe: 36 kB
 
 
@@ -154,6 +157,8 @@ def run(args: argparse.Namespace) -> int:
             is_measured = bool(args.record and seconds)
             progress = Progress(f"virtual {args.board.title}", seconds or 0.0)
             watched = _watched(pieces, rate_hz, progress) if is_measured else pieces
+            if args.hand in FOLLOWING and emulator.stdin is not None:
+                system.shorten_pipe(emulator.stdin)
             feeder = threading.Thread(
                 target=_feed, args=(emulator.stdin, watched), daemon=True
             )
@@ -207,7 +212,11 @@ def _with_module(
     module = modules.named(args.module or modules.CALIBRATED, args.seed)
     rate_hz = sensors.HAND_RATE_HZ
     if args.hand is not None:
-        found = pieces_of(args.hand, module, args.seed, rate_hz)
+        found = pieces_of(
+            *(args.hand, module, args.seed, rate_hz),
+            page=args.page,
+            port=args.link or default_link(args.board),
+        )
         return rate_hz, found, args.seconds
     random = np.random.default_rng([args.seed, 2])
     if args.motion is None:

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: MIT
+"""A hand that does what the page asks: it reads the same messages as a browser, lays
+the probe as the guide says, turns it when it should be waved, and aims by the errors
+that are shown. It has no programme of its own, so that a person may do any step.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+from imud import rotation
+from imud.calibration.algebra import units
+from imud.calibration.path import UP
+from imud.rotation import FloatArray
+from imud.virtual.calibrating import IRON, PROBE, CalibratingHand, Manners
+from imud.virtual.hand import HandMove, Stance
+from imud.virtual.motion import Motion
+from imud.virtual.motions.module import Module, SensorSimulator
+from imud.virtual.sensors import NO_ERRORS, World, stream
+from imud.virtual.stroking import SWAYS
+
+FOLLOW, FOLLOW_IRON = "follow", "follow-iron"
+NAMES = (FOLLOW, FOLLOW_IRON)
+
+REST_S = 0.2  # so soon it looks again at what is asked
+AGAIN_S = 8.0  # and lays the probe anew, if the guide still asks for the same
+FORGOTTEN_S = 2.0  # an aim of which nothing more comes is over
+AIM_S, LOOK_S = 0.7, 1.2  # a correction, and what it takes to see what came of it
+AIM_GAIN = 0.85  # of the error that is shown: nobody hits at once
+AIM_OFF_RAD = 0.005  # rms of an axis, that a correction misses by
+RETRY_S = 1.0
+WAVE_S = 1.5
+
+Quat = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Lay:
+    """With this direction of the body up; None: half a turn where it lies."""
+
+    up: tuple[float, float, float] | None
+    count: int  # of the poses before: the same direction may be asked for twice
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Turn it about in the air."""
+
+
+@dataclass(frozen=True)
+class Correct:
+    """Turn it by so much, as seen from the body."""
+
+    turn: tuple[float, float, float]  # a rotation vector, rad
+
+
+Order = Lay | Wave | Correct
+
+
+@dataclass
+class Eyes:
+    """What a page asks of the probe on a port, as last read. Any thread may look."""
+
+    port: str = ""
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _probe: str = ""
+    _order: Order | None = None
+    _q: Quat | None = None
+    _aim_s: float = -FORGOTTEN_S
+
+    @property
+    def probe(self) -> str:
+        """Its name; empty: the daemon has not found it yet."""
+        return self._probe
+
+    def order(self) -> Order | None:
+        """What should be done now."""
+        with self._lock:
+            is_late = time.monotonic() - self._aim_s > FORGOTTEN_S
+            if isinstance(self._order, Correct) and is_late:
+                self._order = None
+            return self._order
+
+    def read(self, line: dict[str, Any]) -> None:
+        """A line of the page's messages."""
+        with self._lock:
+            if line.get("type") == "status" and self._is_mine(line.get("port")):
+                self._probe = line["probe"]
+            elif line.get("probe") == self._probe:
+                self._read(line)
+
+    def _is_mine(self, port: str | None) -> bool:
+        return bool(port) and os.path.realpath(str(port)) == os.path.realpath(self.port)
+
+    def _read(self, line: dict[str, Any]) -> None:
+        if line["type"] == "pose":
+            self._q = line["q"]
+        elif line["type"] == "aim" and self._q is not None:
+            self._aim_s = time.monotonic()
+            away = rotation.multiply(
+                rotation.inverse(np.array(self._q)), np.array(line["target_q"])
+            )
+            x, y, z = rotation.to_rotation_vector(away)
+            self._order = Correct((float(x), float(y), float(z)))
+        elif line["type"] == "calibration":
+            self._order = order_of(line)
+
+
+def order_of(line: dict[str, Any]) -> Order | None:
+    """What the state of a guided calibration asks for."""
+    if line["phase"] != "running":
+        return None
+    if line["kind"] == "mag":
+        return Wave()
+    if line["kind"] == "verify":
+        is_first = line["seconds"] < 4.0
+        return Lay((0.0, 0.0, 1.0 if is_first else -1.0), 0 if is_first else 1)
+    if line.get("step") == "half_turn":
+        return Lay(None, line["poses"])
+    wanted = line.get("wanted")
+    return Lay(tuple(wanted), line["poses"]) if wanted else None
+
+
+def watch(eyes: Eyes, page: str) -> None:
+    """Reads a page's messages for ever, in a thread of its own."""
+    address = page.replace("http", "ws", 1).rstrip("/") + "/stream"
+    while True:
+        with contextlib.suppress(OSError, WebSocketException):
+            _watch(eyes, address)
+        time.sleep(RETRY_S)
+
+
+def _watch(eyes: Eyes, address: str) -> None:
+    watched = ""
+    with connect(address, compression=None, max_size=None) as socket:
+        for message in socket:
+            for text in str(message).split("\n"):
+                eyes.read(msgspec.json.decode(text))
+            if eyes.probe != watched:
+                watched = eyes.probe
+                every = [[watched, "aim"]]
+                words = {"do": "watch", "every": every, "rate_hz": 20, "probe": watched}
+                socket.send(msgspec.json.encode(words), text=True)
+
+
+class FollowingHand(CalibratingHand):
+    """Does what its eyes read, and holds still meanwhile."""
+
+    def __init__(self, random: np.random.Generator, rate_hz: float, eyes: Eyes) -> None:
+        super().__init__(random, rate_hz, (), Manners())
+        self._eyes = eyes
+
+    def moves(self) -> Iterator[HandMove]:
+        now = self._stance(UP, None)
+        yield self._rest(now, 2.0)
+        done: Order | None = None
+        done_s = 0.0
+        while True:
+            order = self._eyes.order()
+            is_again = time.monotonic() - done_s > AGAIN_S
+            if isinstance(order, Lay) and (order != done or is_again):
+                then = self._laid(order, now)
+                yield self._move(now, then, is_lifted=order.up is not None)
+                now, done, done_s = then, order, time.monotonic()
+            elif isinstance(order, Wave):
+                then = self._turned(now, units(self._random.standard_normal(3)) * 2.0)
+                yield self._move(now, then, is_lifted=False)
+                now, done = then, None
+            elif isinstance(order, Correct):
+                missed = self._random.normal(0.0, AIM_OFF_RAD, 3)
+                then = self._turned(now, AIM_GAIN * np.array(order.turn) + missed)
+                yield HandMove(now, then, round(AIM_S * self._rate_hz))
+                yield self._rest(then, LOOK_S)
+                now, done = then, None
+            elif order is None and now.held:
+                # Nobody asks for anything: it is put down.
+                then = self._stance(UP, now)
+                yield self._move(now, then, is_lifted=False)
+                now = then
+            else:
+                yield self._rest(now, REST_S)
+
+    def _rest(self, stance: Stance, seconds: float) -> HandMove:
+        records = round(seconds * self._rate_hz)
+        return HandMove(stance, stance, records, is_rest=not stance.held)
+
+    def _laid(self, order: Lay, before: Stance) -> Stance:
+        return self._stance(None if order.up is None else np.array(order.up), before)
+
+    def _turned(self, before: Stance, turn: FloatArray) -> Stance:
+        """In the hand, turned by a rotation vector of the body."""
+        quat = rotation.multiply(before.quat, rotation.from_rotation_vector(turn))
+        tip = before.tip if before.held else before.tip + UP * self._manners.lift_m
+        return Stance(tip, quat, held=1.0, free=1.0)
+
+
+def pieces(
+    name: str, module: Module, seed: int, rate_hz: float, eyes: Eyes
+) -> Iterator[Motion]:
+    """The endless motion of such a hand as a module measures it; `name`: follow, or
+    follow-iron beside a loudspeaker.
+    """
+    world = World(tip_m=PROBE.tip_m, magnets=(IRON,) if name == FOLLOW_IRON else ())
+    sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
+    exact = stream(
+        seed,
+        rate_hz,
+        world,
+        NO_ERRORS,
+        lambda random, hz: FollowingHand(random, hz, eyes),
+        SWAYS["paper"],
+    )
+    return map(sensor.feel, exact)

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: MIT
+"""The task of the NECTEC paper, section 7.3, from the page alone: calibrate a module as
+it was bought, set the origin, enter an orientation, and bring the probe there until it
+is green. The real image runs in its emulator, in a virtual hand that does what the page
+asks; the page is worked by keyboard, and by touch on a phone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from fakes import PATIENCE_S, DaemonProcess, free_address
+from streaming import until
+
+PHASE = "imud.model.probe?.calibration?.phase"
+GUIDE_S, AIM_S = 150.0, 60.0
+FLAGS = "imud.model.probe.pose.flags"
+
+pytestmark = pytest.mark.nightly
+
+
+@contextlib.contextmanager
+def probe_in_a_hand(folder: Path, hand: str) -> Iterator[str]:
+    """The address of the page that shows it."""
+    host, port = free_address()
+    link = folder / "nano"
+    words = ["sim", "nano", "--module", "shop", "--hand", hand, "--stream"]
+    words += ["--page", f"http://{host}:{port}", "--link", str(link), "--seed", "3"]
+    with subprocess.Popen(
+        [sys.executable, "-P", "-m", "imud", *words], stderr=subprocess.DEVNULL
+    ) as board:
+        try:
+            until(link.exists)
+            options = (link, "--page", f"{host}:{port}")
+            with DaemonProcess(*options, directory=folder, page=None) as daemon:
+                daemon.expect("the page is at")
+                yield f"http://{host}:{port}/"
+                daemon.stop()
+        finally:
+            board.terminate()
+
+
+class User:
+    """Works the page, by keyboard or by touch."""
+
+    def __init__(self, page: Page, *, is_touching: bool) -> None:
+        self.page = page
+        self._is_touching = is_touching
+
+    def press(self, key: str, name: str) -> None:
+        """A key, or the button of that name."""
+        button = self.page.get_by_role("button", name=name, exact=True)
+        if self._is_touching:
+            button.tap()
+        else:
+            self.page.keyboard.press(key)
+
+    def view(self, key: str, name: str) -> None:
+        link = self.page.get_by_role("link", name=name, exact=True)
+        if self._is_touching:
+            link.tap()
+        else:
+            self.page.keyboard.press(key)
+
+    def enter(self, name: str, value: str) -> None:
+        self.page.locator(f"[name={name}]").focus()
+        self.page.keyboard.press("Control+a")
+        self.page.keyboard.type(value)
+
+    def leave(self) -> None:
+        """Leaves the fields: keys are the page's again."""
+        self.page.evaluate("document.activeElement.blur()")
+
+    def until(self, is_so: str, seconds: float = PATIENCE_S) -> None:
+        end_s = time.monotonic() + seconds
+        while not self.page.evaluate(is_so):
+            assert time.monotonic() < end_s, is_so
+            self.page.wait_for_timeout(100)
+
+
+@contextlib.contextmanager
+def user(browser: Browser, url: str, *, is_touching: bool) -> Iterator[User]:
+    size = (
+        {"width": 390, "height": 844} if is_touching else {"width": 800, "height": 480}
+    )
+    context = browser.new_context(viewport=size, has_touch=is_touching)
+    try:
+        page = context.new_page()
+        page.goto(url)
+        found = User(page, is_touching=is_touching)
+        found.until("Boolean(globalThis.imud?.model.probe?.pose)")
+        yield found
+    finally:
+        context.close()
+
+
+@pytest.mark.parametrize("is_touching", [False, True], ids=["keyboard", "touch"])
+def test_from_a_shop_module_to_green(
+    browser: Browser,
+    tmp_path: Path,
+    is_touching: bool,
+    record_property: Callable[[str, object], None],
+) -> None:
+    begin_s = time.monotonic()
+    with (
+        probe_in_a_hand(tmp_path, "follow") as url,
+        user(browser, url, is_touching=is_touching) as hand,
+    ):
+        page = hand.page
+        hand.view("3", "Calibrate")
+        hand.press("b", "Begin")
+        hand.until(f"{PHASE} === 'done'", GUIDE_S)
+        hand.press("y", "Apply")
+        hand.until(
+            "document.querySelector('[data-part=then]').textContent.startsWith('Ready')"
+        )
+        guided_s = time.monotonic() - begin_s
+
+        hand.view("1", "Probe")
+        hand.press("o", "Set origin")
+        hand.until(f"{FLAGS}.includes('tared')")
+
+        hand.view("4", "Aim")
+        page.select_option("[name=axis]", "all")
+        hand.enter("yaw", "20")
+        hand.enter("pitch", "15")
+        hand.leave()
+        aim_s = time.monotonic()
+        hand.press("a", "Aim")
+        hand.until("document.querySelector('.aim').dataset.state === 'reached'", AIM_S)
+        page.locator('[data-part="word"]').get_by_text("Reached").wait_for(
+            timeout=1000 * AIM_S
+        )
+        told = page.locator('.reading [data-part="sigma"]').inner_text()
+        assert "since the origin" in told
+        record_property("calibrated_s", round(guided_s))
+        record_property("reached_s", round(time.monotonic() - aim_s))
+        record_property("told", told)
+
+
+def test_beside_iron_it_is_refused_with_the_reason(
+    browser: Browser, tmp_path: Path
+) -> None:
+    with (
+        probe_in_a_hand(tmp_path, "follow-iron") as url,
+        user(browser, url, is_touching=False) as hand,
+    ):
+        hand.view("3", "Calibrate")
+        hand.press("b", "Begin")
+        hand.until(f"{PHASE} === 'refused'", GUIDE_S)
+        why = hand.page.locator(".guide [role=alert]").inner_text()
+        assert "iron" in why
