@@ -15,6 +15,7 @@ from web.served import until
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 # Absolute errors of a good probe: two sigma are more than the tolerance.
 USUAL: dict[str, Any] = {"tilt_sigma": 0.4, "heading_sigma": 1.75}
+ADVICE = '.reading [data-part="advice"]'
 WORD, SIGMA = '[data-part="word"]', '.reading [data-part="sigma"]'
 
 
@@ -59,6 +60,8 @@ def test_from_the_origin_two_degrees_are_reached_until_the_attitude_is_lost(
     says(shown, WORD, "On target, but not sure enough")
     assert two_sigma(shown) > 3.5
     assert reached(shown) == 0
+    says(shown, ADVICE, "set the origin. Or aim an axis at the vertical")
+    says(shown, ADVICE, "gravity tells that to ±0.8°")
 
     set_origin(shown, desk)
     says(shown, '.numbers [data-part="since"]', "Errors since the origin")
@@ -72,6 +75,7 @@ def test_from_the_origin_two_degrees_are_reached_until_the_attitude_is_lost(
     page.wait_for_selector('.aim[data-state="reached"]')
     assert two_sigma(shown) < 0.5
     assert reached(shown) == 1
+    assert not page.locator(ADVICE).is_visible()
 
     desk.hand.turn(LEVEL, **USUAL, pose_flags=("tared", "starting"))
     says(shown, SIGMA, "Set the origin anew: the attitude was lost")

@@ -4,10 +4,14 @@
 
 import { make, say } from "../dom.js";
 import { angle, fixed, UNKNOWN } from "../format.js";
+import { errorsOf } from "../model.js";
 import { voidWords } from "../views/words.js";
 
 /** @typedef {import("./target.js").Target} Target */
 /** @typedef {import("./target.js").Verdict} Verdict */
+/** @typedef {import("../model.js").Pose} Pose */
+
+const SIGMAS = 2;
 
 const WORDS = {
   reached: "On target",
@@ -33,6 +37,27 @@ function doubtWords({ sigma, since, lost }, isCaptured) {
   return `${doubt}. ${what} anew: ${voidWords(lost)}`;
 }
 
+/**
+ * What to do where no aim can be sure, however well it is held; empty: it can.
+ * @param {Verdict} verdict
+ * @param {Pose} pose
+ * @param {Target} target
+ */
+function adviceOf({ sigma, since, lost }, pose, { tolerance_deg: tolerance, capture }) {
+  if (sigma === null || lost !== null || SIGMAS * sigma < tolerance) {
+    return "";
+  }
+  const { tilt_sigma_deg: tilt, heading_sigma_deg: turn } = since === "origin" ? errorsOf(pose) : pose;
+  const what = capture ? "capture the target" : "set the origin";
+  const again = since === null ? "" : " again";
+  const known = since === null || turn === null ? "" : ` Its heading since then is known to ±${fixed(SIGMAS * turn, 1)}°.`;
+  const byGravity =
+    tilt !== null && SIGMAS * tilt < tolerance
+      ? ` Or aim an axis at the vertical: gravity tells that to ±${fixed(SIGMAS * tilt, 1)}°.`
+      : "";
+  return `Nothing can be surer than ±${fixed(SIGMAS * sigma, 1)}° now: ${what}${again}.${known}${byGravity}`;
+}
+
 /** Text that is read at a distance. */
 export class Reading {
   constructor() {
@@ -40,6 +65,7 @@ export class Reading {
     this._word = make("p", { class: "word", role: "status", "data-part": "word" });
     this._error = make("span", { class: "value", "data-value": "error" }, UNKNOWN);
     this._sigma = make("p", { class: "muted", "data-part": "sigma" });
+    this._advice = make("p", { class: "notice small", "data-part": "advice", hidden: true });
     this._goal = make("p", { class: "muted", "data-part": "goal" });
     const value = (/** @type {string} */ name) =>
       make("span", { class: "value", "data-value": name }, UNKNOWN);
@@ -54,6 +80,7 @@ export class Reading {
       this._word,
       make("p", { class: "axis-error" }, this._error, make("span", { class: "unit" }, "°")),
       this._sigma,
+      this._advice,
       this._goal,
       make(
         "dl",
@@ -80,17 +107,23 @@ export class Reading {
       say(element, UNKNOWN);
     }
     say(this._sigma, "");
+    this._advice.hidden = true;
   }
 
   /**
    * @param {Verdict} verdict
    * @param {boolean} isDone
    * @param {string} age empty while the pose is fresh
+   * @param {Pose} pose
+   * @param {Target} target
    */
-  show(verdict, isDone, age) {
+  show(verdict, isDone, age, pose, target) {
     const { error, state, differences } = verdict;
     say(this._error, fixed(error, 2, 6));
     say(this._sigma, doubtWords(verdict, this._isCaptured));
+    const advice = age ? "" : adviceOf(verdict, pose, target);
+    this._advice.hidden = advice === "";
+    say(this._advice, advice);
     say(this._word, age ? `This is ${age} old` : isDone ? "Reached" : WORDS[state]);
     say(this._yaw, angle(differences.yaw));
     say(this._pitch, angle(differences.pitch));

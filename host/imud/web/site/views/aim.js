@@ -141,7 +141,7 @@ export class AimView {
     if (nowMs - this._numbersMs >= NUMBERS_MS) {
       this._numbersMs = nowMs;
       const age = isStale && probe ? span((nowMs - probe.poseMs) / 1000) : "";
-      this._reading.show(verdict, this._hold.isDone, age);
+      this._reading.show(verdict, this._hold.isDone, age, pose, target);
     }
   }
 

@@ -133,6 +133,10 @@ export class Controls {
   }
 
   _setOrigin() {
+    if (this._model.probe?.pose?.flags.includes("starting")) {
+      tell("Set origin: wait until it has found level and north; one that is set now would not hold", true);
+      return;
+    }
     this._run("Set origin", [["tare", { what: this._origin.value }]]);
   }
 
