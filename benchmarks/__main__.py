@@ -25,6 +25,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "honesty/desk.py",
         "honesty/grounds.py",
         "honesty/since_origin.py",
+        "honesty/aims.py",
     ),
     "nano": (
         "cycles, stack, flash and RAM: the image, its parts, every filter",

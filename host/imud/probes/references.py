@@ -16,6 +16,7 @@ from imud.probes.relative_error import (
     Quality,
     Quat,
     Turned,
+    Unevenness,
     capped,
     heading_variance,
     quality_of,
@@ -111,7 +112,7 @@ class References:
         self._pose: Mapping[str, Any] | None = None
         self._turning = Turned()
         self._before: tuple[Quat, int] | None = None  # pose up to which it was added
-        self._least: float | None = None  # of the stated headings
+        self._unevenness = Unevenness()
 
     def tell(self, params: bytes | None) -> None:
         """Takes up what the params say of the sensors. None: that is not known now."""
@@ -145,7 +146,7 @@ class References:
         elif name in ENDINGS:
             self._end(name)
             if name == "restarted":
-                self._least = None
+                self._unevenness = Unevenness()
 
     def capture(self) -> str | None:
         """Keeps the last pose as a reference, and returns its name; None: there is no
@@ -184,8 +185,7 @@ class References:
     def _follow(self, pose: Mapping[str, Any]) -> None:
         self._pose = pose
         sigma = pose["heading_sigma_deg"]
-        if sigma is not None and (self._least is None or sigma < self._least):
-            self._least = sigma
+        self._unevenness.add(sigma, pose["t_device_us"])
         flags = pose["flags"]
         is_tared = "tared" in flags
         if is_tared or self._origin is not None:
@@ -257,7 +257,8 @@ class References:
     def _heading(
         self, then: ReferencePose, heading2: float, age_s: float, half_sine: float
     ) -> float | None:
-        heading2_then, least, now = then.heading2, self._least, self._turning
+        heading2_then, now = then.heading2, self._turning
+        least = self._unevenness.least
         if heading2_then is None or least is None or self._pose is None:
             return None
         most = heading2_then + heading2
@@ -271,5 +272,6 @@ class References:
             half_sine=half_sine,
             quality=self.quality,
             unsure=most - 2.0 * least * least,
+            uneven=self._unevenness.mean,
         )
         return round(capped(variance, most), 3)

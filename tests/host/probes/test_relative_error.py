@@ -19,6 +19,7 @@ from imud.probes.relative_error import (
     Quality,
     Quat,
     Turned,
+    Unevenness,
     capped,
     heading_variance,
     quality_of,
@@ -29,6 +30,7 @@ QUALITY = Quality(0.01, 0.0, 4.0, 0.5, 0.1)
 NOTHING: dict[str, Any] = {
     **{"age_s": 0.0, "on_s": 1e6, "about_up": 0.0, "about_any": 0.0},
     **{"net_up": 0.0, "half_sine": 0.0, "quality": QUALITY, "unsure": 0.0},
+    "uneven": 0.0,
 }
 FLOOR = 0.0004
 
@@ -53,6 +55,12 @@ FLOOR = 0.0004
         ),
         ({"about_any": 45.0, "unsure": 4.0}, 0.036 + 0.1),
         ({"about_any": 180.0, "unsure": 4.0}, 0.048 + 0.2),
+        # After 10 s times the logarithm of 2 half of it is there.
+        (
+            {"age_s": 10.0 * math.log(2.0), "about_any": 10.0, "uneven": 1.2},
+            6e-5 * 10.0 * math.log(2.0) + 0.008 + 3.0 * 0.5 * 0.5,
+        ),
+        ({"age_s": 0.0, "about_any": 0.0, "uneven": 5.0}, 0.0),
         (
             {
                 "age_s": 5.0 * math.log(2.0),
@@ -141,6 +149,7 @@ def test_what_was_turned_before_a_moment_does_not_count() -> None:
             half_sine=half_sine,
             quality=QUALITY,
             unsure=0.0,
+            uneven=0.0,
         )
         assert found is not None
         assert found.age_s == pytest.approx(age_s)
@@ -189,6 +198,7 @@ def test_a_pause_may_hide_turns_in_either_direction() -> None:
         half_sine=2.0 * math.sin(math.radians(5.0)),
         quality=QUALITY,
         unsure=0.0,
+        uneven=0.0,
     )
     assert found is not None
     assert found.heading_sigma_deg == pytest.approx(capped(expected, 16200.0), abs=2e-3)
@@ -200,15 +210,19 @@ def test_the_least_sigma_so_far_is_the_best_that_was_known(*, restarts: bool) ->
     references = References()
     references.quality = QUALITY
 
+    known = Unevenness()
+
     def poses(sigma: float, first_s: float, degrees: float) -> None:
         for step in range(11):
             angle = degrees * step / 10.0
+            known.add(sigma, round(1e6 * (first_s + 0.1 * step)))
             pose = pose_of(about((0, 0, 1), angle), first_s + 0.1 * step)
             references.on_pose(pose | {"heading_sigma_deg": sigma})
 
     poses(1.0, 100.0, 0.0)
     if restarts:
         references.on_event({"event": "restarted", "detail": 0}, 101_000_000)
+        known = Unevenness()
     poses(3.0, 102.0, 0.0)
     name = references.capture()
     assert name is not None
@@ -225,6 +239,7 @@ def test_the_least_sigma_so_far_is_the_best_that_was_known(*, restarts: bool) ->
         half_sine=2.0 * math.sin(math.radians(75.0)),
         quality=QUALITY,
         unsure=9.0 + 16.0 - 2.0 * least * least,
+        uneven=known.mean,
     )
     assert found.heading_sigma_deg == pytest.approx(capped(expected, 25.0), abs=2e-3)
 
@@ -261,3 +276,20 @@ def test_params_tell_how_good_the_sensors_are() -> None:
     assert unknown.acc_deg == pytest.approx(math.degrees(0.06))
     assert unknown.level2_deg2 == pytest.approx(math.degrees(0.06) ** 2)
     assert unknown.mag_deg == pytest.approx(math.degrees(21.0 / 15.0))
+
+
+def test_a_room_shows_in_the_mean_of_a_minute_of_what_is_above_the_least() -> None:
+    found = Unevenness()
+    assert (found.least, found.mean) == (None, 0.0)
+    for step in range(1, 601):
+        found.add(1.0, 100_000 * step)
+    assert (found.least, found.mean) == (1.0, 0.0)
+    for step in range(601, 1201):  # a minute of a sigma that is twice as large
+        found.add(2.0, 100_000 * step)
+    assert found.mean == pytest.approx(3.0 * (1.0 - math.exp(-1.0)), rel=1e-2)
+    before = found.mean
+    found.add(None, 100_000 * 1201)  # withheld: nothing is learned of the room
+    assert found.mean == before
+    # A pause counts as a second, and a sigma without bound as one with.
+    found.add(1e6, 100_000 * 9999)
+    assert found.mean - before == pytest.approx((10.0 - before) / 60.0)

@@ -39,7 +39,12 @@ def still(seed: int, seconds: float = 330.0) -> Motion:
     return _felt(t, angles, np.zeros((len(t), 3)), np.zeros((3, 3)), random)
 
 
-def aim(seed: int, seconds: float = 180.0) -> Motion:
+def aim(
+    seed: int,
+    seconds: float = 180.0,
+    holds_s: tuple[float, float] = (1.0, 4.0),
+    room_ut_m: float = ROOM_UT_M,
+) -> Motion:
     """It is waved for 19 s; then it points at targets within 30 degrees of each other,
     holds each for 1 to 4 s with tremor and goes on within 0.5 to 1.5 s, on a forearm in
     a room whose field differs by about 1 uT.
@@ -55,14 +60,14 @@ def aim(seed: int, seconds: float = 180.0) -> Motion:
         # The smoothest way there: no jerk at either end.
         share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         angles += np.outer(share, goal - now)
-        now, begin_s = goal, begin_s + takes_s + random.uniform(1.0, 4.0)
+        now, begin_s = goal, begin_s + takes_s + random.uniform(*holds_s)
     tremor = [_slow(t, random, TREMOR_HZ) for _ in range(3)]
     angles += np.radians(TREMOR_DEG) * np.stack(tremor, axis=1)
     places = rotation.rotate(_attitudes(angles), np.array([ARM_M, 0.0, 0.0]))
     slope = random.normal(size=(3, 3))
     slope += slope.T
     slope -= np.eye(3) * np.trace(slope) / 3.0
-    slope *= ROOM_UT_M / np.abs(np.linalg.eigvalsh(slope)).max()
+    slope *= room_ut_m / np.abs(np.linalg.eigvalsh(slope)).max()
     return _felt(t, angles, places, slope, random)
 
 

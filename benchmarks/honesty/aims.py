@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: MIT
+"""Whether green means what it says: aims at a desired orientation since an origin.
+
+A hand sets an origin, goes on to other attitudes and holds each for 8 to 12 s; there it
+corrects by the error that is shown until that is small, or stops a little beside. An
+aim is green while the shown error and two sigma of it are within the tolerance of 2
+degrees. Printed by the age of the origin: how often it was green while the true error
+was beyond the tolerance, and how many of the aims that were truly on target got green
+within 10 s. Writes build/benchmarks/honesty-aims.json.
+example: python -m benchmarks.honesty.aims --quick
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from benchmarks.accuracy import report
+from benchmarks.common import engines
+from benchmarks.common.boards import BOARDS
+from benchmarks.common.engines import HOST, Estimate
+from benchmarks.common.feed import sampled
+from benchmarks.common.figure import SETS, Figure
+from benchmarks.honesty.arguments import output_of, parser_of
+from benchmarks.honesty.since_origin import known_params, thinned
+from imud import rotation
+from imud.probes.aim import Aim, Target
+from imud.probes.references import References, SinceErrors
+from imud.rotation import FloatArray
+from imud.virtual.motion import Motion
+from imud.virtual.motions import aiming
+
+ROOMS = {"room": aiming.ROOM_UT_M, "uneven room": 4.0 * aiming.ROOM_UT_M}
+HOLDS_S = (8.0, 12.0)
+SECONDS = 200.0
+FIRST_S = 30.0
+EVERY = 10  # poses: 20 a second
+TOLERANCE_DEG = 2.0
+MISSES_DEG = {"by what is shown": 0.3, "a little beside": 1.2}  # rms of an axis
+STEADY_DPS = 3.0  # it holds still below this rate
+GREEN_S = 10.0
+YOUNG_S = 30.0
+# A pose as published, and its errors since the origin; None: before it.
+Told = tuple[dict[str, Any], SinceErrors | None]
+AGES_S = (15.0, YOUNG_S, 60.0, 180.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Aimed:
+    """One aim."""
+
+    room: str
+    miss: str
+    age_s: float  # of the origin, as it began
+    poses: int
+    green: int
+    false_green: int  # of them with a true error beyond the tolerance
+    is_true: bool  # half of the time the true error was within it, or more
+    is_reached: bool  # green within GREEN_S
+
+
+def holds_of(truth: Motion) -> Iterator[tuple[float, float]]:
+    """From and to, seconds: when the hand held an attitude."""
+    assert truth.quat is not None
+    step = round(truth.rate_hz * 0.1)
+    quats = truth.quat[::step]
+    turn = rotation.multiply(rotation.inverse(quats[:-1]), quats[1:])
+    rate = np.degrees(np.linalg.norm(rotation.to_rotation_vector(turn), axis=1)) / 0.1
+    steady = np.convolve(rate, np.ones(5) / 5.0, "same") < STEADY_DPS
+    edges = np.flatnonzero(np.diff(steady.astype(int), prepend=0, append=0))
+    for begin, end in zip(edges[::2] * 0.1, edges[1::2] * 0.1, strict=True):
+        if begin > FIRST_S and end - begin > 0.7 * HOLDS_S[0]:
+            yield float(begin), float(end)
+
+
+def aims_of(
+    found: Estimate,
+    truth: Motion,
+    params: bytes,
+    room: str,
+    random: np.random.Generator,
+) -> Iterator[Aimed]:
+    """All pairs of a hold at which the origin is set and a later one that is aimed."""
+    assert truth.quat is not None
+    assert found.heading_sigma_deg is not None
+    assert found.tilt_sigma_deg is not None
+    known_s = np.arange(len(truth)) / truth.rate_hz
+    true = rotation.interpolate(found.times_s, known_s, truth.quat)
+    wrong = rotation.multiply(found.quats, rotation.inverse(true))
+    holds = [*holds_of(truth)]
+    for number, (origin_s, _) in enumerate(holds):
+        at = int(np.searchsorted(found.times_s, origin_s + 1.0))
+        since = followed(found, params, at)
+        # What is shown less what went wrong since the origin: how it truly lies.
+        off = rotation.multiply(wrong, rotation.inverse(wrong[at]))
+        lies = rotation.multiply(rotation.inverse(off), found.quats)
+        for begin_s, end_s in holds[number + 1 :]:
+            poses = np.flatnonzero(
+                (found.times_s > begin_s)
+                & (found.times_s < min(end_s, begin_s + GREEN_S))
+            )
+            for miss, spread in MISSES_DEG.items():
+                shown = found.quats[poses[len(poses) // 2]]
+                beside = np.radians(random.normal(0.0, spread, 3))
+                target = rotation.multiply(rotation.from_rotation_vector(beside), shown)
+                age_s = begin_s - origin_s
+                yield judged(
+                    since, poses.tolist(), lies, target, room, miss, age_s=age_s
+                )
+
+
+def followed(found: Estimate, params: bytes, at: int) -> list[Told]:
+    """Each pose as published, with its errors since the pose of that index."""
+    references = References()
+    references.tell(params)
+    assert found.heading_sigma_deg is not None
+    assert found.tilt_sigma_deg is not None
+    name: str | None = None
+    told: list[Told] = []
+    for index, time_s in enumerate(found.times_s.tolist()):
+        sigmas = found.heading_sigma_deg[index], found.tilt_sigma_deg[index]
+        heading, tilt = (float(s) if np.isfinite(s) else None for s in sigmas)
+        pose: dict[str, Any] = {
+            "number": index,
+            "q": tuple(found.quats[index].tolist()),
+            "t_device_us": round(time_s * 1e6),
+            "t_ns": None,
+            "heading_sigma_deg": heading,
+            "tilt_sigma_deg": tilt,
+            "flags": () if tilt is not None else ("starting",),
+            "since_origin": None,
+        }
+        references.on_pose(pose)
+        if index == at:
+            name = references.capture()
+        told.append((pose, references.since_capture(name) if name else None))
+    return told
+
+
+def judged(
+    since: Sequence[Told],
+    poses: Sequence[int],
+    lies: FloatArray,
+    target: FloatArray,
+    room: str,
+    miss: str,
+    *,
+    age_s: float,
+) -> Aimed:
+    aim = Aim(Target(tuple(target.tolist()), axis="all", tolerance_deg=TOLERANCE_DEG))
+    green = false_green = true = 0
+    for index in poses:
+        pose, errors = since[index]
+        said = aim.measure(pose, errors)
+        apart = rotation.multiply(lies[index], rotation.inverse(target))
+        error = np.degrees(np.linalg.norm(rotation.to_rotation_vector(apart)))
+        is_green = said["state"] == "sure"
+        green += is_green
+        false_green += bool(is_green and error > TOLERANCE_DEG)
+        true += bool(error <= TOLERANCE_DEG)
+    return Aimed(
+        room,
+        miss,
+        age_s,
+        len(poses),
+        green,
+        false_green,
+        2 * true >= len(poses),
+        green > 0,
+    )
+
+
+def measure(run: tuple[str, int], board: str) -> list[Aimed]:
+    """All aims of a motion in a room with a seed."""
+    room, seed = run
+    motion = aiming.aim(seed, SECONDS, HOLDS_S, ROOMS[room])
+    params = known_params()
+    found = engines.ENGINES[HOST](sampled(motion, BOARDS[board].chip, params))
+    random = np.random.default_rng([seed, 9])
+    return [*aims_of(thinned(found, EVERY), motion, params, room, random)]
+
+
+def line_of(aims: Sequence[Aimed]) -> dict[str, float]:
+    green = sum(each.green for each in aims)
+    true = [each for each in aims if each.is_true]
+    return {
+        "aims": len(aims),
+        "green_share": green / max(1, sum(each.poses for each in aims)),
+        "false_green_share": sum(each.false_green for each in aims) / max(1, green),
+        "on_target": len(true),
+        "reached_share": sum(each.is_reached for each in true) / max(1, len(true)),
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = parser_of(
+        __doc__, "python -m benchmarks.honesty.aims --quick", [*ROOMS], seeds=12, few=2
+    )
+    args = parser.parse_args(argv)
+    lines: list[dict[str, object]] = []
+    figures: list[Figure] = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for kind in args.sets:
+            seeds = range(SETS[kind], 2 * args.seeds, 2)
+            runs = [(room, seed) for room in args.groups for seed in seeds]
+            found = pool.map(partial(measure, board=args.board), runs)
+            aims = [each for all_ in found for each in all_]
+            print(f"\n{kind}: {len(aims)} aims")
+            lines += shown(aims, kind)
+            figures += figures_of(aims, kind)
+    output = output_of(args, "aims")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(json.dumps(lines, indent=1))
+    report.print_figures(figures, is_judged=True)
+    return int(any(each.verdict == "MISSED" for each in figures))
+
+
+def shown(aims: Sequence[Aimed], kind: str) -> Iterator[dict[str, object]]:
+    print(
+        f"{'':14}{'the hand':18}{'origin':>9}{'aims':>6}{'green':>8}"
+        f"{'beyond':>9}{'on target':>11}{'green in 10 s':>15}"
+    )
+    for room in ROOMS:
+        for miss in MISSES_DEG:
+            for low, high in zip((0.0, *AGES_S), AGES_S, strict=False):
+                mine = [
+                    each
+                    for each in aims
+                    if (each.room, each.miss) == (room, miss)
+                    and low <= each.age_s < high
+                ]
+                if not mine:
+                    continue
+                line = line_of(mine)
+                print(
+                    f"{room:14}{miss:18}{low:3.0f}-{high:3.0f} s{line['aims']:6.0f}"
+                    f"{100.0 * line['green_share']:6.1f} %"
+                    f"{100.0 * line['false_green_share']:7.2f} %"
+                    f"{line['on_target']:11.0f}{100.0 * line['reached_share']:13.1f} %"
+                )
+                about = {"set": kind, "room": room, "miss": miss, "to_s": high}
+                yield about | line
+
+
+def figures_of(aims: Sequence[Aimed], kind: str) -> Iterator[Figure]:
+    """What must hold."""
+    whole = line_of(aims)
+    by_what_is_shown = next(iter(MISSES_DEG))
+    young = [
+        each
+        for each in aims
+        if each.age_s < YOUNG_S
+        and each.miss == by_what_is_shown
+        and each.room == "room"
+    ]
+    yield Figure(
+        f"{kind}: green beyond the tolerance, %",
+        100.0 * whole["false_green_share"],
+        must=(0.0, 0.1),
+        goal=(0.0, 0.02),
+    )
+    yield Figure(
+        f"{kind}: green within 10 s, origin younger than 30 s, %",
+        100.0 * line_of(young)["reached_share"],
+        must=(90.0, 100.0),
+        goal=(95.0, 100.0),
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
