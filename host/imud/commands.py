@@ -79,6 +79,7 @@ class ProbeCommand:
     # A query of this topic with parameters is this command, so who may read the topic
     # may send it; it is not among the commands that an error lists.
     topic: str = ""
+    is_told: bool = False  # to all, with who gave it: it changes what others see
 
     @property
     def argument_names(self) -> set[str]:
@@ -96,8 +97,10 @@ class ProbeCommand:
 _SWITCH = {"0": 0, "1": 1}
 
 _ROWS = (
-    ProbeCommand("start", "make a probe stream", example="imud start"),
-    ProbeCommand("stop", "make a probe stop streaming", example="imud stop"),
+    ProbeCommand("start", "make a probe stream", example="imud start", is_told=True),
+    ProbeCommand(
+        "stop", "make a probe stop streaming", example="imud stop", is_told=True
+    ),
     ProbeCommand(
         "tare",
         "make a probe's current orientation the origin",
@@ -120,6 +123,7 @@ _ROWS = (
         ),
         needs="what=all, heading or undo",
         example="imud tare --heading",
+        is_told=True,
     ),
     ProbeCommand(
         "restart",
@@ -154,6 +158,7 @@ _ROWS = (
         needs=f"filter={', '.join(FILTERS)}, or nothing; forget=0 or 1",
         example="imud restart --filter madgwick",
         details="Lay the probe still first.",
+        is_told=True,
     ),
     ProbeCommand(
         "rate",
@@ -163,15 +168,17 @@ _ROWS = (
             Argument("hz", "integer", unit="Hz", limits="1 to the sample rate"),
         ),
         needs="stream=pose or raw, and hz=a number",
+        is_told=True,
     ),
     ProbeCommand(
         "fields",
         "select the streams that are sent",
         (Argument("streams", "list", STREAMS, limits="at least one"),),
         needs="streams=pose,raw or one of them",
+        is_told=True,
     ),
     ProbeCommand("hello", "make a probe say what it is"),
-    ProbeCommand("reset", "restart the processor of a probe"),
+    ProbeCommand("reset", "restart the processor of a probe", is_told=True),
     ProbeCommand("time", "ask a probe for its time, as the daemon does by itself"),
     ProbeCommand("params_tell", "make a probe tell its params"),
     ProbeCommand(
@@ -184,6 +191,7 @@ _ROWS = (
         ),
         needs="records=hexadecimal digits; imud params load sends a file",
         handler=Handler.PARAMS,
+        is_told=True,
     ),
     ProbeCommand(
         HISTORY,
@@ -246,6 +254,7 @@ _ROWS = (
         ),
         needs="rename=NAME or log=on or off",
         handler=Handler.CONFIGURE,
+        is_told=True,
     ),
     ProbeCommand(
         "lend",

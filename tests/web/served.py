@@ -31,7 +31,9 @@ class Asked:
     def __init__(self) -> None:
         self.all: list[tuple[str, str, dict[str, str]]] = []
 
-    def __call__(self, probe: str, command: str, parameters: Any, answer: Any) -> None:
+    def __call__(
+        self, probe: str, command: str, parameters: Any, answer: Any, _by: str
+    ) -> None:
         self.all.append((probe, command, parameters))
         answer(b'{"ok":true}', "" if command != "fly" else "probes can't fly")
 

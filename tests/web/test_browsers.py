@@ -96,7 +96,7 @@ def test_a_browser_may_not_ask_too_much_at_once() -> None:
     served = Served()
     served.page.close()
     waiting: list[Any] = []
-    page = Page(("127.0.0.1", 0), lambda *asked: waiting.append(asked[-1]))
+    page = Page(("127.0.0.1", 0), lambda *asked: waiting.append(asked[3]))
     page.start()
     served.page, served.host = page, page.url.removeprefix("http://")
     with contextlib.closing(page), served.live() as browser:
@@ -125,6 +125,7 @@ def test_a_viewer_reads_but_does_not_command() -> None:
         assert message["reads"] == [
             "aim",
             "body",
+            "mark",
             "params",
             "path",
             "pose",

@@ -70,9 +70,16 @@ class Distant:
             page.publish([((str(status["probe"]), "status"), _encode(status))])
 
     def ask(
-        self, probe: str, command: str, parameters: dict[str, str], answer: Answer
+        self,
+        probe: str,
+        command: str,
+        parameters: dict[str, str],
+        answer: Answer,
+        _by: str,
     ) -> None:
-        """Has a command carried out, without waiting for it."""
+        """Has a command carried out, without waiting for it. The daemon is told by the
+        network whose it is.
+        """
         self._workers.submit(self._ask, probe, command, parameters, answer)
 
     def _ask(

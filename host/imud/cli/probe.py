@@ -72,7 +72,7 @@ def _mark(args: argparse.Namespace) -> int:
         found = client.command(probe, "mark", **arguments)["value"]
     place, error = found["position_m"], found["position_sigma_m"]
     if found["q"] is None:
-        where = "no pose yet"
+        where = "no pose of this moment: is it started?"
     elif place is None:
         where = "the place of its tip is not known"
     else:

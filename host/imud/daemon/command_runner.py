@@ -17,6 +17,7 @@ from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import HistoryFiles
 from imud.errors import CommandRefused, ImudError
 from imud.net.queries import Answer
+from imud.probes.timeline import host_ns
 
 Parameters = Mapping[str, str]
 
@@ -55,16 +56,28 @@ class CommandRunner:
         return await carry(probe, command, parameters)
 
     async def answer(
-        self, probe: str, command: str, parameters: Parameters, answer: Answer
+        self,
+        probe: str,
+        command: str,
+        parameters: Parameters,
+        answer: Answer,
+        by: str,
     ) -> None:
-        """Carries out a command and sends its value or the reason as the answer."""
+        """Carries out a command and sends its value or the reason as the answer. What
+        changes something is told to all, with who gave it.
+        """
         try:
+            # A rename gives it another name meanwhile.
+            probe_id = self._commander.entry_of(probe).probe.probe_id
             value = await self.run(probe, command, parameters)
         except ImudError as error:
             answer(b"", str(error))
         else:
             reply = {"ok": True, "probe": probe, "command": command, "value": value}
             answer(self._encoder.encode(reply), "")
+            row = COMMANDS.get(command)
+            if row is not None and row.is_told:
+                self._intake.tell_command(probe_id, command, parameters, by)
 
     def bound(self, handler: Handler) -> Carry:
         """The function of a handler."""
@@ -111,7 +124,7 @@ class CommandRunner:
 
     async def _mark(self, probe: str, _: str, parameters: Parameters) -> Any:
         entry = self._commander.entry_of(probe)
-        return self._intake.mark(entry, mark(entry, parameters))
+        return self._intake.mark(entry, mark(entry, parameters, host_ns()))
 
     async def _configure(
         self, probe: str, _: str, parameters: Parameters

@@ -135,10 +135,15 @@ class Daemon:
             self._loop.call_soon_threadsafe(say)
 
     def _on_command(
-        self, name: str, command: str, parameters: dict[str, str], answer: Answer
+        self,
+        name: str,
+        command: str,
+        parameters: dict[str, str],
+        answer: Answer,
+        by: str,
     ) -> None:
-        """Called in a thread of Zenoh, which may outlive the loop."""
-        work = self._runner.answer(name, command, parameters, answer)
+        """Called in a thread of Zenoh, which may outlive the loop, or of the page."""
+        work = self._runner.answer(name, command, parameters, answer, by)
         try:
             self._loop.call_soon_threadsafe(self._start, work)
         except RuntimeError:

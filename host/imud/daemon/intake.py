@@ -14,7 +14,7 @@ from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
 from imud.daemon.log_state import LogWatch
 from imud.daemon.params_watch import ParamsWatch
-from imud.daemon.publisher import MARK, RecordPublisher
+from imud.daemon.publisher import COMMAND, MARK, RecordPublisher
 from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
 from imud.daemon.reports import Reports
 from imud.daemon.sensor_watch import follow_event, follow_status, sensor_findings
@@ -34,6 +34,8 @@ from imud.probes.session import (
 from imud.probes.timeline import Timeline, host_ns
 from imud.stages import COMPUTED
 from imud.stages.factory import stages_of
+
+SHORT = 60  # characters of a parameter in what is told of a command
 
 
 class Intake:
@@ -125,6 +127,15 @@ class Intake:
         self._publisher.say_closing(entry, closing, "command", self._clock.now_ns())
         return closing
 
+    def tell_command(
+        self, probe_id: str, command: str, parameters: Mapping[str, str], by: str
+    ) -> None:
+        """Publishes a command that was carried out, and who gave it."""
+        t_ns = self._clock.now_ns()
+        short = {name: value[:SHORT] for name, value in parameters.items()}
+        told = {"t_ns": t_ns, "command": command, "parameters": short, "by": by}
+        self._publisher.say(self.registry[probe_id], COMMAND, told, t_ns)
+
     def mark(self, entry: ProbeEntry, values: Mapping[str, Any]) -> dict[str, Any]:
         """Publishes what was noted now, and returns it."""
         t_ns = self._clock.now_ns()
@@ -183,7 +194,7 @@ class Intake:
         self._publisher.put(entry, record)
         if message.name == "pose" and not is_replaced:
             entry.poses += 1
-            entry.pose = record.values
+            entry.take_pose(record.values)
         elif message.name == "raw":
             entry.temperature_c = record.values["temperature_c"]
         elif message.name == "status":

@@ -16,6 +16,8 @@ AIM = "aim"  # topic: how near a probe is to where it should be
 
 PATH = "path"  # topic: a path of strokes, closed
 
+COMMAND = "command"  # topic: a command that was carried out, and who gave it
+
 MARK = "mark"  # topic: a value or a note from outside, with the pose of then
 
 

@@ -90,6 +90,7 @@ class ProbeEntry:
         self.put = 0  # records given to the hub
         self.equipment: dict[str, Any] | None = None  # None: the board sends none
         self.pose: Mapping[str, Any] = {}
+        self.pose_ns = -1  # when it was heard, host's time
         self.aim: Aim | None = None  # what it is to be brought to
         self.closer = PathCloser()
         self.temperature_c: float | None = None  # of the last raw sample, or status
@@ -122,6 +123,10 @@ class ProbeEntry:
         """Of a message of that kind that a stage has computed."""
         self._ahead[name] = self._ahead.get(name, 0) + 1
         return self._heard.get(name, 0) + self._ahead[name]
+
+    def take_pose(self, pose: Mapping[str, Any]) -> None:
+        """The pose that has just been heard, or computed of what was."""
+        self.pose, self.pose_ns = pose, self.heard_ns
 
     def configure(self, config: Config) -> None:
         self.name = config.name_of(self.probe.probe_id)

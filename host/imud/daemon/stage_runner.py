@@ -80,4 +80,4 @@ class StageRunner:
         self._publisher.put(entry, msgspec.structs.replace(record, content=b""))
         if message.name == "pose":
             entry.poses += 1
-            entry.pose = record.values
+            entry.take_pose(record.values)

@@ -123,6 +123,9 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         path_m=_PLACES,
         closed_m=_PLACES,
     ),
+    "command": _object(
+        **_ABOUT, command=_TEXT, parameters={"type": "object"}, by=_TEXT
+    ),
     "mark": _object(
         **_ABOUT,
         value=_OPTIONAL,

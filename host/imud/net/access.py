@@ -15,10 +15,10 @@ from imud.ros2 import topics
 
 ROLES: dict[Role, str] = {
     "viewer": "pose, aim, stroke, path, mark, status and params",
-    "operator": "pose, aim, stroke, path, mark, status, params, event and raw; "
-    "commands",
-    "recorder": "pose, aim, stroke, path, mark, status, params, event, raw, frame, "
-    "twin, learn, clock and log",
+    "operator": "pose, aim, stroke, path, mark, status, params, event, command "
+    "and raw; commands",
+    "recorder": "pose, aim, stroke, path, mark, status, params, event, command, "
+    "raw, frame, twin, learn, clock and log",
     "daemon": "another imud, which publishes into this network",
 }
 
@@ -30,7 +30,7 @@ READS: dict[Role, tuple[str, ...]] = {
     # To calibrate a probe takes its samples and events.
     "operator": (
         *("pose", "aim", "stroke", "path", "mark", "status", "params"),
-        *("event", "raw"),
+        *("event", "command", "raw"),
     ),
     "recorder": (
         "pose",
@@ -41,6 +41,7 @@ READS: dict[Role, tuple[str, ...]] = {
         "status",
         "params",
         "event",
+        "command",
         "raw",
         "frame",
         "twin",

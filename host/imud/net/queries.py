@@ -14,7 +14,11 @@ from imud.commands import HISTORY
 
 # Answers a command: payload and no error, or an error.
 Answer = Callable[[bytes, str], None]
-OnCommand = Callable[[str, str, dict[str, str], Answer], None]
+# Probe, command, parameters, where the answer goes, and who asks.
+OnCommand = Callable[[str, str, dict[str, str], Answer, str], None]
+
+# A query does not tell whose key it had.
+BY_NETWORK = "network"
 
 
 class Queries:
@@ -69,7 +73,7 @@ class Queries:
                         encoding=zenoh.Encoding.APPLICATION_JSON,
                     )
 
-        self._on_command(probe, name, parameters, answer)
+        self._on_command(probe, name, parameters, answer, BY_NETWORK)
 
 
 def _pairs(parameters: str) -> list[tuple[str, Any]]:

@@ -73,6 +73,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "path_sigma_m": parts_of("path_sigma_m"),
         "flags": ("flags",),
     },
+    "command": _named("t_ns", "command", "by"),
     "mark": {
         **_named("t_ns", "value", "text", "t_pose_ns", "t_device_us", "number"),
         "q": parts_of("q", "wxyz"),
@@ -103,7 +104,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
 _WORDS = frozenset(
     {
         *("flags", "event", "cause", "end", "state", "port", "reason", "utc_host"),
-        *("log.state", "twin.state", "since_origin.void", "text"),
+        *("log.state", "twin.state", "since_origin.void", "text", "command", "by"),
     }
 )
 _INTEGERS = frozenset(

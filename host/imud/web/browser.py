@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from imud.web.feed import EVENT, LATEST, STREAMS, Key
+from imud.web.feed import EVENTS, LATEST, STREAMS, Key
 
 # Messages that a browser may be behind with: a quarter of a second at 60 Hz, which
 # covers a slow frame and the collection of garbage.
@@ -101,7 +101,7 @@ class Browser:
             topic = key[1]
             if topic not in self._reads:
                 continue
-            if key in self._every or topic == EVENT:
+            if key in self._every or topic in EVENTS:
                 waiting = self._waiting.setdefault(key, deque())
                 waiting.extend(payloads)
                 while len(waiting) > WAITING_MAX:

@@ -15,11 +15,13 @@ CALIBRATION = "calibration"  # the server's own: how a guided calibration does
 UPDATE = "update"  # the server's own: how new firmware gets into a probe
 BODY = "body"  # the state of a limb, in the place of a probe
 
-# Topics that everybody sees, as their last payload; of events everyone.
+# Topics that everybody sees, as their last payload; of events every one.
 LATEST = frozenset(
     {"pose", "status", "params", "clock", "log", "twin", CALIBRATION, UPDATE, BODY}
 )
 EVENT = "event"
+# Topics of which everybody gets every payload.
+EVENTS = frozenset({EVENT, "command"})
 # Topics of which a browser can ask for every payload of one probe.
 STREAMS = frozenset({"pose", "aim", "raw", "stroke", "path", "mark", BODY})
 
@@ -46,7 +48,7 @@ class Feed:
                 self._last[key] = payload
                 if not self.is_watched:
                     continue
-                if key[1] not in STREAMS and key[1] != EVENT:
+                if key[1] not in STREAMS and key[1] not in EVENTS:
                     self._fresh[key] = deque((payload,))
                 elif (fresh := self._fresh.get(key)) is not None:
                     fresh.append(payload)

@@ -21,7 +21,7 @@ from imud.web.feed import BODY
 
 TOPICS = frozenset(
     {"pose", "raw", "status", "params", "event", "clock", "log", "twin", "stroke"}
-    | {"path", "mark", BODY_STATE}
+    | {"path", "mark", "command", BODY_STATE}
 )
 BATCH_S = 1 / 60
 # Payloads of one topic in a batch: of a log that is played fast, evenly chosen ones.

@@ -44,6 +44,9 @@ CLOSE_S = 0.5
 PATIENCE_S = 2.0  # to wait for the thread to start
 WRITING_S = 30.0  # to wait for its end: a board may be half written
 
+# Who gives the commands of a guided calibration, and of an update.
+BY_GUIDE = "page"
+
 # The version changes with what would break a program: docs/stream.md.
 STREAM_VERSION = 1
 STREAM_HEAD = msgspec.json.encode(
@@ -189,7 +192,7 @@ class Page:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(settle, payload, error)
 
-        self._on_ask(probe, command, dict(parameters), answer)
+        self._on_ask(probe, command, dict(parameters), answer, BY_GUIDE)
         return await done
 
     def _request(

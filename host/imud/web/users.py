@@ -17,10 +17,10 @@ from imud.errors import ConfigError
 from imud.net import access
 from imud.net.network import USERS, read_roles
 from imud.roles import Role
-from imud.web.feed import BODY, CALIBRATION, EVENT, LATEST, STREAMS, UPDATE
+from imud.web.feed import BODY, CALIBRATION, EVENTS, LATEST, STREAMS, UPDATE
 
 LEND = "lend"  # the command that an update of the firmware needs
-TOPICS = LATEST | STREAMS | {EVENT}
+TOPICS = LATEST | STREAMS | EVENTS
 
 
 class Grant(msgspec.Struct, frozen=True):

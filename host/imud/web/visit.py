@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -40,8 +41,11 @@ from imud.web.users import NOTHING, Grant, Users
 
 # Answers a command: JSON and no error, or an error.
 Answer = Callable[[bytes, str], None]
-# Carries out a command: probe, command, parameters, and where the answer goes.
-OnAsk = Callable[[str, str, dict[str, str], Answer], None]
+# Carries out a command: probe, name, parameters, where the answer goes, and who asks.
+OnAsk = Callable[[str, str, dict[str, str], Answer, str], None]
+
+# Browsers since the start, to tell them apart.
+_numbers = itertools.count(1)
 
 TOO_MUCH = "too many commands at once"
 NO_LOGS = "there are no logs for your role"
@@ -89,6 +93,8 @@ class Visit:
         self._asking = 0
         self._playing: Playing | None = None
         self.browser = browser
+        self._user = ""
+        self._number = next(_numbers)
         self.admit(host.users.at_first())
 
     def admit(self, grant: Grant) -> None:
@@ -99,6 +105,7 @@ class Visit:
             {
                 **self._host.about,
                 "role": grant.role,
+                "who": self._who,
                 "reads": sorted(grant.reads),
                 "commands": bool(grant.commands),
                 "logs": self._has_logs(),
@@ -108,6 +115,11 @@ class Visit:
             }
         )
         self.browser.put(self._host.feed.last())
+
+    @property
+    def _who(self) -> str:
+        """By what others are told whose command it was."""
+        return f"{self._user or 'page'} ({self._number})"
 
     async def hear(self, message: str | bytes) -> None:
         """Acts on a message; MsgspecError if it is none of ours."""
@@ -274,7 +286,9 @@ class Visit:
             except RuntimeError:
                 return  # the server has ended
 
-        self._host.on_ask(asked.probe, asked.command, dict(asked.parameters), answer)
+        self._host.on_ask(
+            asked.probe, asked.command, dict(asked.parameters), answer, self._who
+        )
 
     def _answered(self, asked: Ask, payload: bytes, error: str) -> None:
         self._asking -= 1
@@ -288,6 +302,7 @@ class Visit:
     async def _log_in(self, request: Login) -> None:
         grant = self._host.users.log_in(request.user, request.secret)
         if grant is not None:
+            self._user = request.user
             self.admit(grant)
             return
         self._host.gate.refuse("login", self._connection)

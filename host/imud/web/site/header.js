@@ -20,6 +20,18 @@ const BANNERS = /** @type {Record<string, string>} */ ({
   silent: "The daemon does not answer. What is shown is old.",
   lost: "Disconnected from the daemon. What is shown is old. Connecting again…",
 });
+/** @type {Record<string, string>} what others have done */
+const DONE = {
+  start: "started",
+  stop: "stopped",
+  tare: "its origin was set or undone",
+  restart: "its filter was restarted",
+  rate: "its rates were changed",
+  fields: "its streams were changed",
+  reset: "reset",
+  params: "its params were changed",
+  configure: "its name or log was changed",
+};
 const MOON = "M20 14.5A8 8 0 0 1 9.5 4 8 8 0 1 0 20 14.5Z";
 const QUESTION = "M9 9a3 3 0 1 1 4.5 2.6c-1 .6-1.5 1.2-1.5 2.4M12 17.5v.1";
 const TOAST_MS = 5000;
@@ -67,6 +79,13 @@ export class Header {
     this._setTheme(kept("theme", "") || preferred(), false);
     model.addEventListener("list", () => this._list());
     model.link.addEventListener("state", () => this._state());
+    model.addEventListener("probe", (event) => {
+      const { detail: line } = /** @type {CustomEvent<import("./link.js").Line>} */ (event);
+      if (line.type === "command" && line.by !== model.page.who) {
+        const what = DONE[line.command] ?? line.command;
+        tell(`${model.labelOf(line.probe)}: ${what}, by ${line.by}`);
+      }
+    });
     const brand = make(
       "div",
       { class: "brand" },
@@ -141,7 +160,7 @@ export class Header {
 
   _list() {
     const { names, selected } = this._model;
-    const options = names.map((name) => make("option", { value: name }, name));
+    const options = names.map((name) => make("option", { value: name, title: name }, this._model.labelOf(name)));
     this._choice.replaceChildren(...options);
     this._choice.value = selected;
     this._choice.hidden = names.length === 0;

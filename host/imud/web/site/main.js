@@ -70,7 +70,7 @@ class Page {
       history.replaceState(null, "", `#/${this.viewName}`);
     });
     this.model.addEventListener("renamed", (event) => {
-      this.follow(/** @type {CustomEvent<{ from: string, to: string }>} */ (event).detail);
+      this.follow(/** @type {CustomEvent<{ from: string, to: string, label: string }>} */ (event).detail);
     });
     this.route();
     this.link.open();
@@ -96,13 +96,13 @@ class Page {
 
   /**
    * Goes on with a probe under its new name; the old address would lead to nothing.
-   * @param {{ from: string, to: string }} names
+   * @param {{ from: string, to: string, label: string }} names
    */
-  follow({ from, to }) {
+  follow({ from, to, label }) {
     if (from === this.model.selected) {
       this.model.selected = this.viewProbe = to;
       history.replaceState(null, "", `#/${this.viewName}/${encodeURIComponent(to)}`);
-      tell(`${from} is called ${to} now`);
+      tell(`${label} is called ${to} now`);
     }
     this.model.dispatchEvent(new CustomEvent("list"));
   }

@@ -168,6 +168,26 @@ export class Model extends EventTarget {
     return [...this.probes.keys()].sort();
   }
 
+  /**
+   * What to call a probe: its name; one that nobody has named by its board and the last
+   * digits of its id, unless two would be called so.
+   * @param {string} name
+   */
+  labelOf(name) {
+    const label = this._short(name);
+    const isTwice = this.names.some((other) => other !== name && this._short(other) === label);
+    return isTwice ? name : label;
+  }
+
+  /** @param {string} name */
+  _short(name) {
+    if (!/^[0-9a-f]{16}$/.test(name)) {
+      return name;
+    }
+    const board = this.probes.get(name)?.status?.hello?.board;
+    return `${typeof board === "string" ? board : "probe"}-${name.slice(-4)}`;
+  }
+
   get mayCommand() {
     return Boolean(this.page.commands) && !this.page.playing && this.link.state === "open";
   }
@@ -192,8 +212,10 @@ export class Model extends EventTarget {
   _rename(status) {
     for (const [name, { status: last }] of this.probes) {
       if (name !== status.probe && last !== null && last.probe_id === status.probe_id) {
+        const label = this.labelOf(name);
         this.probes.delete(name);
-        this.dispatchEvent(new CustomEvent("renamed", { detail: { from: name, to: status.probe } }));
+        const detail = { from: name, to: status.probe, label };
+        this.dispatchEvent(new CustomEvent("renamed", { detail }));
       }
     }
   }
@@ -224,7 +246,11 @@ export class Model extends EventTarget {
         }
         this.dispatchEvent(new CustomEvent("list"));
       }
+      const isFirst = line.type === "status" && probe.status === null;
       probe.take(line, performance.now());
+      if (isFirst) {
+        this.dispatchEvent(new CustomEvent("list")); // its label is known now
+      }
       if (line.type === "status" && line.probe_id) {
         this._rename(line);
       }

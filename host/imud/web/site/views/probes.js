@@ -31,13 +31,13 @@ class Row {
     this._list = make("dl", { class: "facts" });
     this._chain = make("ol", { class: "chain" });
     this._sum = make("span", { class: "chip" });
-    const open = make("a", { href: `#/probe/${encodeURIComponent(name)}` }, name);
+    this._open = make("a", { href: `#/probe/${encodeURIComponent(name)}`, title: name }, name);
     this._about = make("p", { class: "muted small" });
     this._concerns = make("span", { class: "flags", "data-part": "concerns" });
     this.element = make(
       "article",
       { class: "card", "data-probe": name },
-      make("div", { class: "card-head" }, make("h1", {}, open), this._age, this._state),
+      make("div", { class: "card-head" }, make("h1", {}, this._open), this._age, this._state),
       this._about,
       this._concerns,
       this._update.element,
@@ -53,6 +53,7 @@ class Row {
     if (probe === undefined) {
       return;
     }
+    say(this._open, this._model.labelOf(this._name));
     const state = probe.state(nowMs);
     say(this._state, STATES[state]?.[0] ?? state);
     mark(this._state, "class", `chip ${STATES[state]?.[1] ?? ""}`);
@@ -100,7 +101,8 @@ class Row {
   /** @param {import("../link.js").Line} status */
   _statusFacts(status) {
     const { hello, ledger, clock, equipment, log } = status;
-    const about = [hello?.board, hello?.sensor, hello?.firmware, status.port ?? "no port"];
+    const id = `id ${status.probe_id}`;
+    const about = [hello?.board, hello?.sensor, hello?.firmware, status.port ?? "no port", id];
     say(this._about, about.filter(Boolean).join(" · "));
     showChips(this._concerns, concerns(status), "sentence");
     this._fact("rate", `${fixed(status.pose_rate_hz, 1)} Hz`);
