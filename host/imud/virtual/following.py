@@ -54,7 +54,7 @@ class Lay:
 
 
 @dataclass(frozen=True)
-class Wave:
+class TurnAbout:
     """Turn it about in the air."""
 
 
@@ -65,7 +65,7 @@ class Correct:
     turn: tuple[float, float, float]  # a rotation vector, rad
 
 
-Order = Lay | Wave | Correct
+Order = Lay | TurnAbout | Correct
 
 
 @dataclass
@@ -122,7 +122,7 @@ def order_of(line: dict[str, Any]) -> Order | None:
     if line["phase"] != "running":
         return None
     if line["kind"] == "mag":
-        return Wave()
+        return TurnAbout()
     if line["kind"] == "verify":
         is_first = line["seconds"] < 4.0
         return Lay((0.0, 0.0, 1.0 if is_first else -1.0), 0 if is_first else 1)
@@ -173,7 +173,7 @@ class FollowingHand(CalibratingHand):
                 then = self._laid(order, now)
                 yield self._move(now, then, is_lifted=order.up is not None)
                 now, done, done_s = then, order, time.monotonic()
-            elif isinstance(order, Wave):
+            elif isinstance(order, TurnAbout):
                 then = self._turned(now, units(self._random.standard_normal(3)) * 2.0)
                 yield self._move(now, then, is_lifted=False)
                 now, done = then, None

@@ -18,7 +18,14 @@ from imud import rotation
 from imud.calibration.path import UP
 from imud.rotation import FloatArray
 from imud.virtual import following
-from imud.virtual.following import Correct, Eyes, FollowingHand, Lay, Wave, order_of
+from imud.virtual.following import (
+    Correct,
+    Eyes,
+    FollowingHand,
+    Lay,
+    TurnAbout,
+    order_of,
+)
 from imud.virtual.hand import HandMove
 from streaming import until
 
@@ -44,7 +51,7 @@ def found() -> Eyes:
         (guide(wanted=SIDE), Lay(SIDE, 3)),
         (guide(step="half_turn", wanted=SIDE), Lay(None, 3)),
         (guide(), None),
-        (guide(kind="mag"), Wave()),
+        (guide(kind="mag"), TurnAbout()),
         (guide(kind="verify", seconds=1.0), Lay((0.0, 0.0, 1.0), 0)),
         (guide(kind="verify", seconds=5.0), Lay((0.0, 0.0, -1.0), 1)),
         (guide(phase="done", wanted=SIDE), None),

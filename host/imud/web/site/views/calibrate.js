@@ -93,6 +93,7 @@ export class CalibrateView {
     if (this._ghost.show(...this._next(line, isGuided))) {
       this.scene?.invalidate();
     }
+    this.scene?.describe(isGuided ? line.says : "The probe as it lies");
     this._legend.textContent = isGuided ? LEGEND : "";
     if (probe?.pose) {
       this.scene?.show(probe.pose);
