@@ -4,7 +4,8 @@ function table = read_table (path)
   file = fopen (path);
   names = strsplit (fgetl (file), ',');
   words = {'utc_host', 'flags', 'event', 'cause', 'end', 'state', 'port', ...
-           'reason', 'log_state', 'twin_state', 'since_origin_void'};
+           'reason', 'log_state', 'twin_state', 'since_origin_void', ...
+           'text', 'command', 'by'};
   kinds = repmat ({'%f'}, 1, numel (names));
   kinds(ismember (names, words)) = {'%s'};
   columns = textscan (file, [kinds{:}], 'Delimiter', ',', 'EmptyValue', NaN);

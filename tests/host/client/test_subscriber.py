@@ -128,16 +128,20 @@ def test_the_wire_s_losses_are_told(chain: Chain) -> None:
 
 def test_a_status_says_the_number_of_the_last_pose(chain: Chain) -> None:
     topics: tuple[Topic, ...] = ("pose", "status")
-    last = 0
+    last, said = 0, None
     with (
         subscribe(topics=topics, endpoint=chain.daemon.endpoint) as subscription,
         chain.speaking("pose"),
     ):
         for message in subscription:
             if isinstance(message, Pose):
+                assert message.number == last + 1
                 last = message.number
-            elif isinstance(message, Status) and last:
-                assert message.quality["number"] == last
+            elif isinstance(message, Status) and last and said is None:
+                # On a busy machine it may come before the poses that it knows of.
+                said = message.quality["number"]
+                assert said >= last
+            if last == said:
                 break
         assert subscription.missed == Missed()
 
