@@ -69,6 +69,7 @@ class User:
             link.tap()
         else:
             self.page.keyboard.press(key)
+        self.until(f"document.title.startsWith('{name}')")
 
     def enter(self, name: str, value: str) -> None:
         self.page.locator(f"[name={name}]").focus()
@@ -155,6 +156,12 @@ def test_beside_iron_it_is_refused_with_the_reason(
     ):
         hand.view("3", "Calibrate")
         hand.press("b", "Begin")
-        hand.until(f"{PHASE} === 'refused'", GUIDE_S)
+        trouble = "imud.model.probe?.calibration?.trouble"
+        hand.until(f"{PHASE} === 'refused' || {trouble}?.includes('iron')", GUIDE_S)
+        # Whoever goes on in spite of that is refused.
+        while hand.page.evaluate(PHASE) == "running":
+            hand.press("e", "Judge now")
+            hand.page.wait_for_timeout(1000)
+        assert hand.page.evaluate(PHASE) == "refused"
         why = hand.page.locator(".guide [role=alert]").inner_text()
         assert "iron" in why

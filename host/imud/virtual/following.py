@@ -22,6 +22,7 @@ from websockets.sync.client import connect
 from imud import rotation
 from imud.calibration.algebra import units
 from imud.calibration.path import UP
+from imud.probes.references import ORIGIN_ALL
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import IRON, PROBE, CalibratingHand, Manners
 from imud.virtual.hand import HandMove, Stance
@@ -60,9 +61,12 @@ class TurnAbout:
 
 @dataclass(frozen=True)
 class Correct:
-    """Turn it by so much, as seen from the body."""
+    """Turn it by so much, as seen from the body; or from the world, where it is aimed
+    from a full origin: that multiplies attitudes from the right.
+    """
 
     turn: tuple[float, float, float]  # a rotation vector, rad
+    is_of_world: bool = False
 
 
 Order = Lay | TurnAbout | Correct
@@ -77,6 +81,7 @@ class Eyes:
     _probe: str = ""
     _order: Order | None = None
     _q: Quat | None = None
+    _has_full_origin: bool = False
     _aim_s: float = -FORGOTTEN_S
 
     @property
@@ -106,13 +111,18 @@ class Eyes:
     def _read(self, line: dict[str, Any]) -> None:
         if line["type"] == "pose":
             self._q = line["q"]
+        elif line["type"] == "event" and line["event"] == "tared":
+            self._has_full_origin = line["detail"] == ORIGIN_ALL
         elif line["type"] == "aim" and self._q is not None:
             self._aim_s = time.monotonic()
-            away = rotation.multiply(
-                rotation.inverse(np.array(self._q)), np.array(line["target_q"])
+            back, there = (
+                rotation.inverse(np.array(self._q)),
+                np.array(line["target_q"]),
             )
-            x, y, z = rotation.to_rotation_vector(away)
-            self._order = Correct((float(x), float(y), float(z)))
+            is_of_world = self._has_full_origin
+            pair = (there, back) if is_of_world else (back, there)
+            x, y, z = rotation.to_rotation_vector(rotation.multiply(*pair))
+            self._order = Correct((float(x), float(y), float(z)), is_of_world)
         elif line["type"] == "calibration":
             self._order = order_of(line)
 
@@ -179,7 +189,8 @@ class FollowingHand(CalibratingHand):
                 now, done = then, None
             elif isinstance(order, Correct):
                 missed = self._random.normal(0.0, AIM_OFF_RAD, 3)
-                then = self._turned(now, AIM_GAIN * np.array(order.turn) + missed)
+                turn = AIM_GAIN * np.array(order.turn) + missed
+                then = self._turned(now, turn, is_of_world=order.is_of_world)
                 yield HandMove(now, then, round(AIM_S * self._rate_hz))
                 yield self._rest(then, LOOK_S)
                 now, done = then, None
@@ -198,9 +209,13 @@ class FollowingHand(CalibratingHand):
     def _laid(self, order: Lay, before: Stance) -> Stance:
         return self._stance(None if order.up is None else np.array(order.up), before)
 
-    def _turned(self, before: Stance, turn: FloatArray) -> Stance:
-        """In the hand, turned by a rotation vector of the body."""
-        quat = rotation.multiply(before.quat, rotation.from_rotation_vector(turn))
+    def _turned(
+        self, before: Stance, turn: FloatArray, *, is_of_world: bool = False
+    ) -> Stance:
+        """In the hand, turned by a rotation vector of the body, or of the world."""
+        by = rotation.from_rotation_vector(turn)
+        pair = (by, before.quat) if is_of_world else (before.quat, by)
+        quat = rotation.multiply(*pair)
         tip = before.tip if before.held else before.tip + UP * self._manners.lift_m
         return Stance(tip, quat, held=1.0, free=1.0)
 

@@ -110,15 +110,25 @@ def test_it_lays_the_probe_as_asked_once_and_then_waits() -> None:
     assert np.linalg.norm(rotation.to_rotation_vector(change)) > np.radians(160.0)
 
 
-def test_it_corrects_by_what_is_shown_until_it_is_there() -> None:
+@pytest.mark.parametrize("is_full", [False, True])
+def test_it_corrects_by_what_is_shown_until_it_is_there(is_full: bool) -> None:
+    """From a full origin attitudes are multiplied from the right."""
     eyes = found()
+    if is_full:
+        tared = {"type": "event", "event": "tared", "detail": 0}
+        eyes.read(tared | {"probe": "stylus"})
     moves = FollowingHand(np.random.default_rng(1), RATE_HZ, eyes).moves()
     now = next(moves).end.quat
     off = rotation.from_rotation_vector(np.array([0.1, -0.2, 0.5]))
     target = rotation.multiply(now, off)
+    origin = now if is_full else np.array([1.0, 0.0, 0.0, 0.0])
+
+    def shown(q: FloatArray) -> tuple[float, ...]:
+        return tuple(rotation.multiply(q, rotation.inverse(origin)))
+
     for _ in range(6):
-        eyes.read({"type": "pose", "probe": "stylus", "q": tuple(now)})
-        eyes.read({"type": "aim", "probe": "stylus", "target_q": tuple(target)})
+        eyes.read({"type": "pose", "probe": "stylus", "q": shown(now)})
+        eyes.read({"type": "aim", "probe": "stylus", "target_q": shown(target)})
         now = next(moves).end.quat
         look = next(moves)
         assert look.start.held

@@ -31,7 +31,7 @@ const EARTH = {
 const ORIGIN = {
   ring: /** @type {Record<number, string>} */ ({ 0: "left", 90: "front", 180: "right", 270: "back" }),
   height: 0.13,
-  arrows: ["", "", "z of the origin"], // the ring names the others
+  arrows: ["", "", "up"], // the ring names the others
 };
 
 /**
