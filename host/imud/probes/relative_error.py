@@ -38,6 +38,7 @@ MOVING_DEG = 0.1
 # 0.14 in a room of 6 uT/m, by 0.65 in one of 12, by 2.5 in one of 24.
 EVEN_DEG2 = 0.2
 UNEVEN_S, UNEVEN_MAX_DEG2 = 60.0, 10.0
+SETTLING = 0.9
 
 LOST_DEG = 1e9  # beside which an absolute error is small
 
@@ -123,14 +124,16 @@ class Turned:
 
 class Unevenness:
     """By how much the square of the stated heading's sigma is above that of its least
-    one, in the mean of the last minute, degrees^2.
+    one, in the mean of the last minute, degrees^2. It begins anew while the heading is
+    still settling: when the least one has fallen by a tenth.
     """
 
-    __slots__ = ("_t_us", "least", "mean")
+    __slots__ = ("_begun_at", "_t_us", "least", "mean")
 
     def __init__(self) -> None:
         self.least: float | None = None  # of the stated headings, degrees
         self.mean = 0.0
+        self._begun_at = math.inf  # the least one when the mean began
         self._t_us = 0
 
     def add(self, sigma: float | None, t_us: int) -> None:
@@ -141,6 +144,8 @@ class Unevenness:
             return
         if self.least is None or sigma < self.least:
             self.least = sigma
+        if sigma < SETTLING * self._begun_at:
+            self._begun_at, self.mean = sigma, 0.0
         above = sigma * sigma - self.least * self.least
         self.mean += (min(above, UNEVEN_MAX_DEG2) - self.mean) * elapsed_s / UNEVEN_S
 

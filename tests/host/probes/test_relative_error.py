@@ -290,6 +290,17 @@ def test_a_room_shows_in_the_mean_of_a_minute_of_what_is_above_the_least() -> No
     before = found.mean
     found.add(None, 100_000 * 1201)  # withheld: nothing is learned of the room
     assert found.mean == before
+    found.add(0.95, 100_000 * 1202)  # no settling
+    assert 0.98 * before < found.mean < before
+    found.add(0.8, 100_000 * 1203)
+    assert (found.least, found.mean) == (0.8, 0.0)
+
+
+def test_a_pause_counts_as_a_second_and_a_sigma_without_bound_as_one_with() -> None:
+    found = Unevenness()
+    for step in range(1, 10):
+        found.add(1.0, 100_000 * step)
+    before = found.mean
     # A pause counts as a second, and a sigma without bound as one with.
     found.add(1e6, 100_000 * 9999)
     assert found.mean - before == pytest.approx((10.0 - before) / 60.0)
