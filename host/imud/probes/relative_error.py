@@ -38,7 +38,7 @@ MOVING_DEG = 0.1
 # 0.14 in a room of 6 uT/m, by 0.65 in one of 12, by 2.5 in one of 24.
 EVEN_DEG2 = 0.2
 UNEVEN_S, UNEVEN_MAX_DEG2 = 60.0, 10.0
-SETTLING = 0.9
+SETTLING = 0.5
 
 LOST_DEG = 1e9  # beside which an absolute error is small
 
@@ -125,7 +125,7 @@ class Turned:
 class Unevenness:
     """By how much the square of the stated heading's sigma is above that of its least
     one, in the mean of the last minute, degrees^2. It begins anew while the heading is
-    still settling: when the least one has fallen by a tenth.
+    still settling: when the least one has fallen to a half.
     """
 
     __slots__ = ("_begun_at", "_t_us", "least", "mean")
