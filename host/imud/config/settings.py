@@ -295,6 +295,11 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The settings of a probe; the defaults where the file has none for it."""
         return self.probes.get(probe_id, ProbeSettings())
 
+    def with_probe(self, probe_id: str, settings: ProbeSettings) -> Config:
+        """The same with these settings of a probe."""
+        probes = {**self.probes, probe_id: settings}
+        return msgspec.structs.replace(self, probes=probes)
+
     def name_of(self, probe_id: str) -> str:
         """The name of a probe in keys: its configured name, else its id."""
         return self.settings_of(probe_id).name or probe_id

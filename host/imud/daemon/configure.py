@@ -31,7 +31,7 @@ def configured(config: Config, probe_id: str, parameters: Mapping[str, str]) -> 
         if not config.log.enabled:
             raise CommandRefused("the daemon keeps no log: [log] enabled, or --log DIR")
         settings = replace(settings, log=bool(LOG[parameters["log"]]))
-    found = replace(config, probes={**config.probes, probe_id: settings})
+    found = config.with_probe(probe_id, settings)
     for mistake in contradictions(found):
         raise CommandRefused(
             f"the probe can't be configured so: its name {mistake.words}"

@@ -6,20 +6,17 @@ are ours. What the configuration names goes before.
 from __future__ import annotations
 
 import logging
-import os
-from collections.abc import Mapping
 from pathlib import Path
 
-import msgspec
 from msgspec.structs import replace
 
+from imud import kept_json
 from imud.config.rules import contradictions
 from imud.config.settings import Config
 from imud.errors import FileError
 from imud.ports.adopted import file_of
 
 FILE = "names.json"
-SIZE_MAX = 1_000_000
 
 logger = logging.getLogger("imud")
 
@@ -30,18 +27,8 @@ def path_of(config: Config) -> Path:
 
 def known(path: Path) -> dict[str, str]:
     """Names by id. FileError: the file is none of ours, or can't be read."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(SIZE_MAX)
-        return msgspec.json.decode(data, type=dict[str, str])
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise FileError(f"can't read {path}: {error.strerror}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise FileError(
-            f"{path} is damaged ({error}); remove it, and name the probes again"
-        ) from error
+    cure = "remove it, and name the probes again"
+    return kept_json.read(path, dict[str, str], cure, missing={})
 
 
 def with_names(config: Config) -> Config:
@@ -57,7 +44,7 @@ def with_names(config: Config) -> Config:
         settings = config.settings_of(probe_id)
         if settings.name:
             continue
-        found = _named(config, probe_id, name)
+        found = config.with_probe(probe_id, replace(settings, name=name))
         mistakes = [each.words for each in contradictions(found)]
         if mistakes:
             logger.warning("%s: the name of %s %s", FILE, probe_id, mistakes[0])
@@ -69,21 +56,5 @@ def with_names(config: Config) -> Config:
 def keep(config: Config, probe_id: str, name: str) -> None:
     """Writes a name into the file. FileError if that is not possible."""
     path = path_of(config)
-    _write(path, known(path) | {probe_id: name})
-
-
-def _named(config: Config, probe_id: str, name: str) -> Config:
-    settings = replace(config.settings_of(probe_id), name=name)
-    return replace(config, probes={**config.probes, probe_id: settings})
-
-
-def _write(path: Path, names: Mapping[str, str]) -> None:
-    """All of it or nothing."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        data = msgspec.json.encode(dict(sorted(names.items())))
-        beside.write_bytes(msgspec.json.format(data, indent=2) + b"\n")
-        beside.replace(path)
-    except OSError as error:
-        raise FileError(f"can't write {path}: {error.strerror}") from error
+    names = known(path) | {probe_id: name}
+    kept_json.write(path, dict(sorted(names.items())))

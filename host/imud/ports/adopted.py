@@ -14,6 +14,7 @@ from pathlib import Path
 
 import msgspec
 
+from imud import kept_json
 from imud.errors import FileError
 from imud.machine import system
 from imud.ports.adapters import Listed, kind_of
@@ -21,9 +22,6 @@ from imud.ports.adapters import Listed, kind_of
 # A service's own folder, and that of a person who runs the daemon.
 SERVICE_FOLDER = Path("/var/lib/imud")
 FILE = "ports.json"
-
-# More than these is no file of ours.
-SIZE_MAX = 1_000_000
 
 # In a path of /sys: the controller, and the socket with the interface.
 _PLACE = re.compile(r"/([^/]+)/usb\d+/(?:.*/)?\d+-([\d.]+:\d+\.\d+)(?:/|$)")
@@ -122,17 +120,8 @@ class AdoptedPorts:
         state = (at.st_mtime_ns, at.st_ino)
         if state == self._state:
             return False
-        try:
-            with self.path.open("rb") as file:
-                data = file.read(SIZE_MAX)
-            self._known = msgspec.json.decode(data, type=_Memory).ports
-        except OSError as error:
-            raise FileError(f"can't read {self.path}: {error.strerror}") from error
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            raise FileError(
-                f"{self.path} is damaged ({error}); remove it, and adopt the "
-                "ports again"
-            ) from error
+        cure = "remove it, and adopt the ports again"
+        self._known = kept_json.read(self.path, _Memory, cure).ports
         self._state = state
         return True
 
@@ -163,17 +152,9 @@ class AdoptedPorts:
         return is_known
 
     def _write(self, ports: list[AdoptedPort]) -> None:
-        """All of it or nothing. It is ours for as long as this runs, in any case."""
+        """They are ours for as long as this runs, even if they can't be written."""
         self._known = ports
-        beside = self.path.with_name(f".{self.path.name}.{os.getpid()}")
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            data = msgspec.json.encode(_Memory(ports))
-            beside.write_bytes(msgspec.json.format(data, indent=2) + b"\n")
-            beside.replace(self.path)
-            at = self.path.stat()
-        except OSError as error:
-            raise FileError(f"can't write {self.path}: {error.strerror}") from error
+        at = kept_json.write(self.path, _Memory(ports))
         self._state = (at.st_mtime_ns, at.st_ino)
 
 
