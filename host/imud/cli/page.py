@@ -77,8 +77,8 @@ class Distant:
         answer: Answer,
         _by: str,
     ) -> None:
-        """Has a command carried out, without waiting for it. The daemon is told by the
-        network whose it is.
+        """Has a command carried out, without waiting for it. To the daemon it is one
+        of the network, whoever gave it here.
         """
         self._workers.submit(self._ask, probe, command, parameters, answer)
 

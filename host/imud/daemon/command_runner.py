@@ -67,8 +67,7 @@ class CommandRunner:
         changes something is told to all, with who gave it.
         """
         try:
-            # A rename gives it another name meanwhile.
-            probe_id = self._commander.entry_of(probe).probe.probe_id
+            entry = self._commander.entry_of(probe)
             value = await self.run(probe, command, parameters)
         except ImudError as error:
             answer(b"", str(error))
@@ -77,7 +76,7 @@ class CommandRunner:
             answer(self._encoder.encode(reply), "")
             row = COMMANDS.get(command)
             if row is not None and row.is_told:
-                self._intake.tell_command(probe_id, command, parameters, by)
+                self._intake.tell_command(entry, command, parameters, by)
 
     def bound(self, handler: Handler) -> Carry:
         """The function of a handler."""

@@ -128,13 +128,13 @@ class Intake:
         return closing
 
     def tell_command(
-        self, probe_id: str, command: str, parameters: Mapping[str, str], by: str
+        self, entry: ProbeEntry, command: str, parameters: Mapping[str, str], by: str
     ) -> None:
         """Publishes a command that was carried out, and who gave it."""
         t_ns = self._clock.now_ns()
         short = {name: value[:SHORT] for name, value in parameters.items()}
         told = {"t_ns": t_ns, "command": command, "parameters": short, "by": by}
-        self._publisher.say(self.registry[probe_id], COMMAND, told, t_ns)
+        self._publisher.say(entry, COMMAND, told, t_ns)
 
     def mark(self, entry: ProbeEntry, values: Mapping[str, Any]) -> dict[str, Any]:
         """Publishes what was noted now, and returns it."""

@@ -25,30 +25,13 @@ ROLES: dict[Role, str] = {
 Rule = dict[str, Any]
 
 # The last parts of the keys that a role may read.
+_OF_VIEWER = ("pose", "aim", "stroke", "path", "mark", "status", "params")
+# To calibrate a probe takes its samples and events.
+_OF_OPERATOR = (*_OF_VIEWER, "event", "command", "raw")
 READS: dict[Role, tuple[str, ...]] = {
-    "viewer": ("pose", "aim", "stroke", "path", "mark", "status", "params"),
-    # To calibrate a probe takes its samples and events.
-    "operator": (
-        *("pose", "aim", "stroke", "path", "mark", "status", "params"),
-        *("event", "command", "raw"),
-    ),
-    "recorder": (
-        "pose",
-        "aim",
-        "stroke",
-        "path",
-        "mark",
-        "status",
-        "params",
-        "event",
-        "command",
-        "raw",
-        "frame",
-        "twin",
-        "learn",
-        "clock",
-        "log",
-    ),
+    "viewer": _OF_VIEWER,
+    "operator": _OF_OPERATOR,
+    "recorder": (*_OF_OPERATOR, "frame", "twin", "learn", "clock", "log"),
 }
 
 # Types of ROS 2 topics, in any domain and namespace: those that tell no more than pose

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import socket
 from collections.abc import AsyncIterator, Collection, Iterable, Mapping
 from functools import partial
@@ -95,6 +96,7 @@ class Page:
         self._on_ask = on_ask
         self._files = Files()
         self._browsers: set[Browser] = set()
+        self._numbers = itertools.count(1)  # of browsers since the start
         self._thread = ServerThread("imud-page", self._serve, PATIENCE_S)
 
     @property
@@ -229,7 +231,7 @@ class Page:
             browser, send = Browser(window=None), partial(connection.send, text=True)
         else:
             browser, send = Browser(), partial(connection.send, text=False)
-        visit = Visit(self._host, connection, browser)
+        visit = Visit(self._host, connection, browser, next(self._numbers))
         self._browsers.add(browser)
         self._feed.is_watched = True
         writing = asyncio.create_task(browser.write(send))

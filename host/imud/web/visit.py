@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -44,9 +43,6 @@ Answer = Callable[[bytes, str], None]
 # Carries out a command: probe, name, parameters, where the answer goes, and who asks.
 OnAsk = Callable[[str, str, dict[str, str], Answer, str], None]
 
-# Browsers since the start, to tell them apart.
-_numbers = itertools.count(1)
-
 TOO_MUCH = "too many commands at once"
 NO_LOGS = "there are no logs for your role"
 NO_UPDATES = "your role does not allow new firmware"
@@ -83,8 +79,13 @@ class Visit:
     """Belongs to the server's loop."""
 
     def __init__(
-        self, host: Host, connection: ServerConnection, browser: Browser
+        self,
+        host: Host,
+        connection: ServerConnection,
+        browser: Browser,
+        number: int,
     ) -> None:
+        """`number`: of the browser, by which others know it."""
         self._host = host
         self._connection = connection
         self._loop = asyncio.get_running_loop()
@@ -94,7 +95,7 @@ class Visit:
         self._playing: Playing | None = None
         self.browser = browser
         self._user = ""
-        self._number = next(_numbers)
+        self._number = number
         self.admit(host.users.at_first())
 
     def admit(self, grant: Grant) -> None:
