@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from imud.probes.aim import Sigmas, sigmas_of
 from imud.wire.params import parts_of
 
 POSE = ("number", "t_device_us", "q", "position_m", "normal", "flags", "since_origin")
@@ -24,31 +25,21 @@ def mark_of(
     """The mark at a published pose; without one the place is not known. `params`: the
     records in force; `path_sigma_m`: one-sigma errors of the strokes since the origin.
     """
-    errors = errors_of(pose)
+    sigmas = sigmas_of(pose) if pose else Sigmas(None, None, None, None)
     return {
         "value": value,
         "text": text,
         **{key: pose.get(key) for key in POSE},
         "t_pose_ns": pose.get("t_ns"),
-        **errors,
-        "position_sigma_m": position_sigma_m(pose, errors, params, path_sigma_m),
+        "tilt_sigma_deg": sigmas.tilt,
+        "heading_sigma_deg": sigmas.heading,
+        "position_sigma_m": position_sigma_m(pose, sigmas, params, path_sigma_m),
     }
-
-
-def errors_of(pose: Mapping[str, Any]) -> dict[str, float | None]:
-    """One-sigma errors by which a pose is judged: those since its origin, where they
-    hold.
-    """
-    since = pose.get("since_origin")
-    names = "tilt_sigma_deg", "heading_sigma_deg"
-    if since is not None and since.void is None:
-        return {name: getattr(since, name) for name in names}
-    return {name: pose.get(name) for name in names}
 
 
 def position_sigma_m(
     pose: Mapping[str, Any],
-    errors: Mapping[str, float | None],
+    sigmas: Sigmas,
     params: bytes | None,
     path_sigma_m: Sequence[float],
 ) -> float | None:
@@ -58,12 +49,11 @@ def position_sigma_m(
     """
     tip = parts_of(params or b"").get("tip", {})
     offset, sigma = tip.get("offset"), tip.get("sigma")
-    angles = [*errors.values()]
     if pose.get("position_m") is None or not isinstance(sigma, float):
         return None
-    if not isinstance(offset, tuple) or None in angles:
+    if not isinstance(offset, tuple) or sigmas.tilt is None or sigmas.heading is None:
         return None
-    turned = math.radians(math.hypot(*(each or 0.0 for each in angles)))
+    turned = math.radians(math.hypot(sigmas.tilt, sigmas.heading))
     lever = math.hypot(*offset)
     strokes = max(path_sigma_m, default=0.0)
     return math.hypot(sigma, lever * turned, strokes)

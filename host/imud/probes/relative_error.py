@@ -38,6 +38,8 @@ MOVING_DEG = 0.1
 # 0.14 in a room of 6 uT/m, by 0.65 in one of 12, by 2.5 in one of 24.
 EVEN_DEG2 = 0.2
 UNEVEN_S, UNEVEN_MAX_DEG2 = 60.0, 10.0
+# After a start each motion raises the sigma, too. Once the least one has fallen to this
+# share the mean begins anew; in an uneven room it falls by a quarter.
 SETTLING = 0.5
 
 LOST_DEG = 1e9  # beside which an absolute error is small

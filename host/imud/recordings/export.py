@@ -40,17 +40,19 @@ _COUNTERS = (
 
 _SINCE = ("heading_sigma_deg", "tilt_sigma_deg", "age_s", "void")
 
+# Where a probe was, and how far that may be wrong.
+_POSE = {
+    "q": parts_of("q", "wxyz"),
+    "position_m": parts_of("position_m"),
+    "normal": parts_of("normal"),
+    "tilt_sigma_deg": ("tilt_sigma_deg",),
+    "heading_sigma_deg": ("heading_sigma_deg",),
+    "flags": ("flags",),
+    **_named(*(f"since_origin.{key}" for key in _SINCE)),
+}
+
 COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
-    "pose": {
-        **_HEAD,
-        "q": parts_of("q", "wxyz"),
-        "position_m": parts_of("position_m"),
-        "normal": parts_of("normal"),
-        "tilt_sigma_deg": ("tilt_sigma_deg",),
-        "heading_sigma_deg": ("heading_sigma_deg",),
-        "flags": ("flags",),
-        **_named(*(f"since_origin.{key}" for key in _SINCE)),
-    },
+    "pose": {**_HEAD, **_POSE},
     "raw": {
         **_HEAD,
         "acc_m_s2": parts_of("acc_m_s2"),
@@ -76,14 +78,8 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
     "command": _named("t_ns", "command", "by"),
     "mark": {
         **_named("t_ns", "value", "text", "t_pose_ns", "t_device_us", "number"),
-        "q": parts_of("q", "wxyz"),
-        "position_m": parts_of("position_m"),
+        **_POSE,
         "position_sigma_m": ("position_sigma_m",),
-        "normal": parts_of("normal"),
-        "tilt_sigma_deg": ("tilt_sigma_deg",),
-        "heading_sigma_deg": ("heading_sigma_deg",),
-        "flags": ("flags",),
-        **_named(*(f"since_origin.{key}" for key in _SINCE)),
     },
     "status": _named(
         "t_ns",
