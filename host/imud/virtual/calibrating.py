@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from imud.rotation import FloatArray
 from imud.virtual.hand import HandMove, Stance
 from imud.virtual.motion import Motion
 from imud.virtual.motions.module import Module, SensorSimulator
-from imud.virtual.sensors import NO_ERRORS, Magnet, World, stream
+from imud.virtual.sensors import NO_ERRORS, Magnet, MakeHand, Sway, World, stream
 
 # Counts of a modelled MPU-9250 at 100 Hz, and the records of which each is the mean.
 SCALE = Scale(16.0 * 9.80665 / 32768.0, math.radians(2000.0 / 32768.0), 0.15, 100.0)
@@ -154,20 +154,34 @@ def pieces(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Mot
     follower = Follower(is_lazy=name == "lazy", random=np.random.default_rng([seed, 1]))
     # A person waits for the first words; a board needs a second until it measures.
     manners = Manners(first_s=2.0, is_held=name == "air")
-    world = World(tip_m=PROBE.tip_m, magnets=(IRON,) if name == "iron" else ())
-    sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
+    world = beside((IRON,) if name == "iron" else ())
     sampler = Sampler()
-    exact = stream(
-        seed,
-        rate_hz,
-        world,
-        NO_ERRORS,
+    for piece in felt_of(
+        *(module, seed, rate_hz, world),
         lambda random, hz: CalibratingHand(random, hz, follower.ups(), manners),
+    ):
+        yield piece
+        follower.hear(sampler.samples(piece))
+
+
+def felt_of(
+    module: Module,
+    seed: int,
+    rate_hz: float,
+    world: World,
+    make_hand: MakeHand,
+    sway: Sway | None = None,
+) -> Iterator[Motion]:
+    """The motion of a hand as a module measures it, piece by piece."""
+    sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
+    return map(
+        sensor.feel, stream(seed, rate_hz, world, NO_ERRORS, make_hand, sway or Sway())
     )
-    for piece in exact:
-        felt = sensor.feel(piece)
-        yield felt
-        follower.hear(sampler.samples(felt))
+
+
+def beside(magnets: tuple[Magnet, ...]) -> World:
+    """The world in which a probe is laid down and turned, beside these magnets."""
+    return replace(PROBE, magnets=magnets)
 
 
 class Sampler:

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from imud.check.axes import ASKED
 from imud.rotation import FloatArray
-from imud.virtual.calibrating import PROBE, CalibratingHand, Manners
+from imud.virtual.calibrating import PROBE, CalibratingHand, Manners, felt_of
 from imud.virtual.motion import Motion
-from imud.virtual.motions.module import Module, SensorSimulator
-from imud.virtual.sensors import NO_ERRORS, stream
+from imud.virtual.motions.module import Module
 
 NAME = "check"
 
@@ -36,15 +33,10 @@ def pieces(module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
                 manners.stop_s = FIRST_S if pose is ASKED[0] else EACH_S
                 yield pose.up
 
-    sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
-    exact = stream(
-        seed,
-        rate_hz,
-        PROBE,
-        NO_ERRORS,
+    return felt_of(
+        *(module, seed, rate_hz, PROBE),
         lambda random, hz: CalibratingHand(random, hz, ups(), manners),
     )
-    return map(sensor.feel, exact)
 
 
 def presses_us() -> Iterator[tuple[int, int]]:

@@ -11,7 +11,8 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -24,11 +25,10 @@ from imud.calibration.algebra import units
 from imud.calibration.path import UP
 from imud.probes.references import ORIGIN_ALL
 from imud.rotation import FloatArray
-from imud.virtual.calibrating import IRON, PROBE, CalibratingHand, Manners
+from imud.virtual.calibrating import IRON, CalibratingHand, Manners, beside, felt_of
 from imud.virtual.hand import HandMove, Stance
 from imud.virtual.motion import Motion
-from imud.virtual.motions.module import Module, SensorSimulator
-from imud.virtual.sensors import NO_ERRORS, World, stream
+from imud.virtual.motions.module import Module
 from imud.virtual.stroking import SWAYS
 
 FOLLOW, FOLLOW_IRON = "follow", "follow-iron"
@@ -41,7 +41,6 @@ AIM_S, LOOK_S = 0.7, 1.2  # a correction, and what it takes to see what came of 
 AIM_GAIN = 0.85  # of the error that is shown: nobody hits at once
 AIM_OFF_RAD = 0.005  # rms of an axis, that a correction misses by
 RETRY_S = 1.0
-WAVE_S = 1.5
 
 Quat = tuple[float, float, float, float]
 
@@ -72,22 +71,17 @@ class Correct:
 Order = Lay | TurnAbout | Correct
 
 
-@dataclass
 class Eyes:
     """What a page asks of the probe on a port, as last read. Any thread may look."""
 
-    port: str = ""
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-    _probe: str = ""
-    _order: Order | None = None
-    _q: Quat | None = None
-    _has_full_origin: bool = False
-    _aim_s: float = -FORGOTTEN_S
-
-    @property
-    def probe(self) -> str:
-        """Its name; empty: the daemon has not found it yet."""
-        return self._probe
+    def __init__(self, port: str) -> None:
+        self.probe = ""  # its name; empty: the daemon has not found it yet
+        self._port = port
+        self._lock = threading.Lock()
+        self._order: Order | None = None
+        self._q: Quat | None = None
+        self._has_full_origin = False
+        self._aim_s = -FORGOTTEN_S
 
     def order(self) -> Order | None:
         """What should be done now."""
@@ -101,12 +95,13 @@ class Eyes:
         """A line of the page's messages."""
         with self._lock:
             if line.get("type") == "status" and self._is_mine(line.get("port")):
-                self._probe = line["probe"]
-            elif line.get("probe") == self._probe:
+                self.probe = line["probe"]
+            elif line.get("probe") == self.probe:
                 self._read(line)
 
     def _is_mine(self, port: str | None) -> bool:
-        return bool(port) and os.path.realpath(str(port)) == os.path.realpath(self.port)
+        mine = os.path.realpath(self._port)
+        return port is not None and os.path.realpath(port) == mine
 
     def _read(self, line: dict[str, Any]) -> None:
         if line["type"] == "pose":
@@ -115,14 +110,12 @@ class Eyes:
             self._has_full_origin = line["detail"] == ORIGIN_ALL
         elif line["type"] == "aim" and self._q is not None:
             self._aim_s = time.monotonic()
-            back, there = (
-                rotation.inverse(np.array(self._q)),
-                np.array(line["target_q"]),
-            )
+            there = np.array(line["target_q"])
+            back = rotation.inverse(np.array(self._q))
             is_of_world = self._has_full_origin
             pair = (there, back) if is_of_world else (back, there)
-            x, y, z = rotation.to_rotation_vector(rotation.multiply(*pair))
-            self._order = Correct((float(x), float(y), float(z)), is_of_world)
+            x, y, z = rotation.to_rotation_vector(rotation.multiply(*pair)).tolist()
+            self._order = Correct((x, y, z), is_of_world)
         elif line["type"] == "calibration":
             self._order = order_of(line)
 
@@ -180,8 +173,9 @@ class FollowingHand(CalibratingHand):
             order = self._eyes.order()
             is_again = time.monotonic() - done_s > AGAIN_S
             if isinstance(order, Lay) and (order != done or is_again):
-                then = self._laid(order, now)
-                yield self._move(now, then, is_lifted=order.up is not None)
+                up = None if order.up is None else np.array(order.up)
+                then = self._stance(up, now)
+                yield self._move(now, then, is_lifted=up is not None)
                 now, done, done_s = then, order, time.monotonic()
             elif isinstance(order, TurnAbout):
                 then = self._turned(now, units(self._random.standard_normal(3)) * 2.0)
@@ -206,9 +200,6 @@ class FollowingHand(CalibratingHand):
         records = round(seconds * self._rate_hz)
         return HandMove(stance, stance, records, is_rest=not stance.held)
 
-    def _laid(self, order: Lay, before: Stance) -> Stance:
-        return self._stance(None if order.up is None else np.array(order.up), before)
-
     def _turned(
         self, before: Stance, turn: FloatArray, *, is_of_world: bool = False
     ) -> Stance:
@@ -221,19 +212,22 @@ class FollowingHand(CalibratingHand):
 
 
 def pieces(
-    name: str, module: Module, seed: int, rate_hz: float, eyes: Eyes
+    name: str,
+    module: Module,
+    seed: int,
+    rate_hz: float,
+    page: str = "",
+    port: Path | None = None,
 ) -> Iterator[Motion]:
     """The endless motion of such a hand as a module measures it; `name`: follow, or
-    follow-iron beside a loudspeaker.
+    follow-iron beside a loudspeaker. `page`: the address of the one that it reads;
+    empty: it holds still. `port`: that of its probe.
     """
-    world = World(tip_m=PROBE.tip_m, magnets=(IRON,) if name == FOLLOW_IRON else ())
-    sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
-    exact = stream(
-        seed,
-        rate_hz,
-        world,
-        NO_ERRORS,
+    eyes = Eyes(str(port or ""))
+    if page:
+        threading.Thread(target=watch, args=(eyes, page), daemon=True).start()
+    return felt_of(
+        *(module, seed, rate_hz, beside((IRON,) if name == FOLLOW_IRON else ())),
         lambda random, hz: FollowingHand(random, hz, eyes),
         SWAYS["paper"],
     )
-    return map(sensor.feel, exact)

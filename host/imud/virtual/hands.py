@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 from imud.virtual import calibrating, checking, dimpling, following, measuring
@@ -25,11 +23,7 @@ def pieces_of(
     one that asks a hand which follows; `port`: that of its probe.
     """
     if name in following.NAMES:
-        eyes = following.Eyes(str(port or ""))
-        if page:
-            watching = partial(following.watch, eyes, page)
-            threading.Thread(target=watching, daemon=True).start()
-        return following.pieces(name, module, seed, rate_hz, eyes)
+        return following.pieces(name, module, seed, rate_hz, page, port)
     if name in measuring.PLANS:
         return measuring.pieces(name, module, seed, rate_hz)
     if name in dimpling.WOBBLES:

@@ -39,9 +39,6 @@ NEXT_COMMAND_US = 20_000
 # Options of the clock and the wire, for runs in real time.
 WIRE = ("clock-ppm", "clock-drift", "batch-ms", "burst-ms")
 
-# Hands that react to what is shown: what they do must not wait in the pipe.
-FOLLOWING = ("follow", "follow-iron")
-
 FEED_RECORDS = 1024  # a write into the pipe: 36 kB
 
 
@@ -157,7 +154,8 @@ def run(args: argparse.Namespace) -> int:
             is_measured = bool(args.record and seconds)
             progress = Progress(f"virtual {args.board.title}", seconds or 0.0)
             watched = _watched(pieces, rate_hz, progress) if is_measured else pieces
-            if args.hand in FOLLOWING and emulator.stdin is not None:
+            if _follows(args.hand) and emulator.stdin is not None:
+                # What it does now must not wait for what it did.
                 system.shorten_pipe(emulator.stdin)
             feeder = threading.Thread(
                 target=_feed, args=(emulator.stdin, watched), daemon=True
@@ -171,6 +169,15 @@ def run(args: argparse.Namespace) -> int:
             for number, handler in before.items():
                 signal.signal(number, handler)
     return status if status >= 0 else 128 - status
+
+
+def _follows(hand: str | None) -> bool:
+    """Whether a hand reacts to what is shown."""
+    if hand is None:
+        return False
+    from imud.virtual import following
+
+    return hand in following.NAMES
 
 
 def motion_of(
