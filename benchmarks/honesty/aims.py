@@ -29,7 +29,12 @@ from benchmarks.common.engines import HOST, Estimate
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure
 from benchmarks.honesty.arguments import output_of, parser_of
-from benchmarks.honesty.since_origin import known_params, thinned
+from benchmarks.honesty.since_origin import (
+    known_params,
+    published,
+    thinned,
+    wrong_of,
+)
 from imud import rotation
 from imud.probes.aim import Aim, Target
 from imud.probes.references import References, SinceErrors
@@ -88,12 +93,7 @@ def aims_of(
     random: np.random.Generator,
 ) -> Iterator[Aimed]:
     """All pairs of a hold at which the origin is set and a later one that is aimed."""
-    assert truth.quat is not None
-    assert found.heading_sigma_deg is not None
-    assert found.tilt_sigma_deg is not None
-    known_s = np.arange(len(truth)) / truth.rate_hz
-    true = rotation.interpolate(found.times_s, known_s, truth.quat)
-    wrong = rotation.multiply(found.quats, rotation.inverse(true))
+    wrong = wrong_of(found, truth)
     holds = [*holds_of(truth)]
     for number, (origin_s, _) in enumerate(holds):
         at = int(np.searchsorted(found.times_s, origin_s + 1.0))
@@ -120,23 +120,9 @@ def followed(found: Estimate, params: bytes, at: int) -> list[Told]:
     """Each pose as published, with its errors since the pose of that index."""
     references = References()
     references.tell(params)
-    assert found.heading_sigma_deg is not None
-    assert found.tilt_sigma_deg is not None
     name: str | None = None
     told: list[Told] = []
-    for index, time_s in enumerate(found.times_s.tolist()):
-        sigmas = found.heading_sigma_deg[index], found.tilt_sigma_deg[index]
-        heading, tilt = (float(s) if np.isfinite(s) else None for s in sigmas)
-        pose: dict[str, Any] = {
-            "number": index,
-            "q": tuple(found.quats[index].tolist()),
-            "t_device_us": round(time_s * 1e6),
-            "t_ns": None,
-            "heading_sigma_deg": heading,
-            "tilt_sigma_deg": tilt,
-            "flags": () if tilt is not None else ("starting",),
-            "since_origin": None,
-        }
+    for index, pose in enumerate(published(found)):
         references.on_pose(pose)
         if index == at:
             name = references.capture()

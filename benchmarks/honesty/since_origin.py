@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -92,6 +93,33 @@ def known_params() -> bytes:
     return params.encode()
 
 
+def wrong_of(found: Estimate, truth: Motion) -> FloatArray:
+    """What is wrong with each pose, as a turn in the world."""
+    assert truth.quat is not None
+    known_s = np.arange(len(truth)) / truth.rate_hz
+    true = rotation.interpolate(found.times_s, known_s, truth.quat)
+    return rotation.multiply(found.quats, rotation.inverse(true))
+
+
+def published(found: Estimate) -> Iterator[dict[str, Any]]:
+    """The poses as a daemon publishes them, as far as their errors go."""
+    assert found.heading_sigma_deg is not None
+    assert found.tilt_sigma_deg is not None
+    sigmas = zip(found.heading_sigma_deg, found.tilt_sigma_deg, strict=True)
+    for number, pair in enumerate(sigmas):
+        heading, tilt = (float(s) if np.isfinite(s) else None for s in pair)
+        yield {
+            "number": number,
+            "q": tuple(found.quats[number].tolist()),
+            "t_device_us": round(float(found.times_s[number]) * 1e6),
+            "t_ns": None,
+            "heading_sigma_deg": heading,
+            "tilt_sigma_deg": tilt,
+            "flags": () if tilt is not None else ("starting",),
+            "since_origin": None,
+        }
+
+
 def pairs_of(
     found: Estimate,
     truth: Motion,
@@ -100,28 +128,13 @@ def pairs_of(
     first_s: float = FIRST_S,
 ) -> Iterator[Pair]:
     """Each origin, `step_s` apart, with the poses at AFTER_S after it."""
-    assert truth.quat is not None
-    assert found.heading_sigma_deg is not None
-    assert found.tilt_sigma_deg is not None
-    known_s = np.arange(len(truth)) / truth.rate_hz
-    true = rotation.interpolate(found.times_s, known_s, truth.quat)
-    wrong = rotation.multiply(found.quats, rotation.inverse(true))
+    wrong = wrong_of(found, truth)
     references = References()
     references.tell(params)
     due: dict[int, list[tuple[str, int, float]]] = {}
     next_s = first_s
-    for index, time_s in enumerate(found.times_s.tolist()):
-        sigmas = found.heading_sigma_deg[index], found.tilt_sigma_deg[index]
-        heading, tilt = (float(s) if np.isfinite(s) else None for s in sigmas)
-        references.on_pose(
-            {
-                "q": tuple(found.quats[index].tolist()),
-                "t_device_us": round(time_s * 1e6),
-                "heading_sigma_deg": heading,
-                "tilt_sigma_deg": tilt,
-                "flags": () if tilt is not None else ("starting",),
-            }
-        )
+    for index, pose in enumerate(published(found)):
+        references.on_pose(pose)
         for name, origin, after_s in due.pop(index, ()):
             since = references.since_capture(name)
             assert since is not None
@@ -131,6 +144,7 @@ def pairs_of(
                 *(errors[0], since.heading_sigma_deg),
                 *(errors[1], since.tilt_sigma_deg),
             )
+        time_s = float(found.times_s[index])
         if time_s >= next_s:
             next_s += step_s
             captured = references.capture()
