@@ -227,7 +227,7 @@ def seen(browser: Browser, desk: Desk, **options: Any) -> Iterator[Seen]:
         found.page.goto(desk.url)
         found.until("Boolean(globalThis.imud?.model.probe?.pose)")
         yield found
-        assert found.elsewhere == []
-        assert found.complaints == []
+        assert not found.elsewhere, found.elsewhere
+        assert not found.complaints, found.complaints
     finally:
         context.close()

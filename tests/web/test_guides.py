@@ -107,13 +107,13 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
         Params.decode(desk.probe.params.records)
     desk.hand.pick_up()
     if kind == "all":
-        then = page.locator('[data-part="then"]')
+        step = page.locator('[data-part="last-step"]')
         desk.hand.turn((1, 0, 0, 0), pose_flags=("uncalibrated", "starting"))
-        then.get_by_text("let go for 3 s").wait_for()
+        step.get_by_text("let go for 3 s").wait_for()
         desk.hand.turn((1, 0, 0, 0), pose_flags=(), tilt_sigma=0.4, heading_sigma=None)
-        then.get_by_text("Nearly there").wait_for()
+        step.get_by_text("Nearly there").wait_for()
         desk.hand.turn((1, 0, 0, 0), pose_flags=(), tilt_sigma=0.4, heading_sigma=1.2)
-        then.get_by_text(
+        step.get_by_text(
             "Ready. As it lies now: tilt ±0.40°, heading ±1.20°"
         ).wait_for()
         page.get_by_role("link", name="See it move").click()

@@ -121,7 +121,7 @@ def test_from_a_shop_module_to_green(
         hand.until(f"{PHASE} === 'done'", GUIDE_S)
         hand.press("y", "Apply")
         hand.until(
-            "document.querySelector('[data-part=then]').textContent.startsWith('Ready')"
+            "document.querySelector('[data-part=last-step]').textContent.startsWith('Ready')"
         )
         guided_s = time.monotonic() - begin_s
 

@@ -3,8 +3,8 @@
 // A sound when the poses of the selected probe stop, and another when they come again, for
 // whoever looks at their hands. Off until somebody asks for it.
 
-import { allowSound, chime } from "./sound.js";
 import { keep, kept, make } from "./dom.js";
+import { allowSound, chime } from "./sound.js";
 
 /** @typedef {import("./model.js").Model} Model */
 
@@ -12,33 +12,34 @@ const LOST_MS = 500;
 const LOST = [440, 330]; // Hz
 const BACK = [330, 440];
 
+let isOn = kept("alarm", false);
+
+/** A box that switches it. */
+export function alarmChoice() {
+  const box = make("input", {
+    type: "checkbox",
+    name: "alarm",
+    onchange: () => {
+      isOn = box.checked;
+      keep("alarm", isOn);
+      allowSound();
+    },
+  });
+  box.checked = isOn;
+  if (isOn) {
+    // A browser allows sounds once its user has pressed something.
+    addEventListener("pointerdown", allowSound, { once: true });
+  }
+  return make("label", { class: "check" }, box, "sound when its poses stop");
+}
+
 /** Listens to the selected probe, whichever view is shown. */
 export class Alarm {
   /** @param {Model} model */
   constructor(model) {
     this._model = model;
-    this._isOn = kept("alarm", false);
     this._isHeard = false;
     this._probe = "";
-  }
-
-  /** A box that switches it. */
-  choice() {
-    const box = make("input", {
-      type: "checkbox",
-      name: "alarm",
-      onchange: () => {
-        this._isOn = box.checked;
-        keep("alarm", box.checked);
-        allowSound();
-      },
-    });
-    box.checked = this._isOn;
-    if (this._isOn) {
-      // A browser allows sounds once its user has pressed something.
-      addEventListener("pointerdown", allowSound, { once: true });
-    }
-    return make("label", { class: "check" }, box, "sound when its poses stop");
   }
 
   /** @param {number} nowMs */
@@ -46,7 +47,7 @@ export class Alarm {
     const { probe, selected } = this._model;
     const isHeard = probe !== undefined && nowMs - probe.poseMs < LOST_MS;
     const isSame = selected === this._probe;
-    if (isHeard !== this._isHeard && isSame && this._isOn) {
+    if (isHeard !== this._isHeard && isSame && isOn) {
       chime(isHeard ? BACK : LOST);
     }
     this._isHeard = isHeard;

@@ -25,6 +25,18 @@ export function make(tag, properties = {}, ...children) {
 }
 
 /**
+ * A table that scrolls within its card.
+ * @param {string} label
+ * @param {readonly string[]} heads of its columns
+ * @param {HTMLTableSectionElement} rows
+ */
+export function scrolling(label, heads, rows) {
+  const cells = heads.map((text) => make("th", { scope: "col" }, text));
+  const table = make("table", {}, make("thead", {}, make("tr", {}, ...cells)), rows);
+  return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": label }, table);
+}
+
+/**
  * Sets the text of an element if it differs.
  * @param {Element} element
  * @param {string} text

@@ -2,6 +2,7 @@
 // @ts-check
 // Starts the page: header, connection, and the view that the address names.
 
+import { Alarm } from "./alarm.js";
 import { Link } from "./link.js";
 import { Model } from "./model.js";
 import { Header, tell } from "./header.js";
@@ -51,6 +52,7 @@ class Page {
   constructor() {
     this.link = new Link();
     this.model = new Model(this.link);
+    this.alarm = new Alarm(this.model);
     this.main = make("main", { tabindex: "-1" });
     this.header = new Header(this.model, VIEWS, () => this.guarded(() => this.view?.recolour?.()));
     this.keys = new Keys(this.header, () => this.view?.keys ?? {});
@@ -70,7 +72,7 @@ class Page {
       history.replaceState(null, "", `#/${this.viewName}`);
     });
     this.model.addEventListener("renamed", (event) => {
-      this.follow(/** @type {CustomEvent<{ from: string, to: string, label: string }>} */ (event).detail);
+      this.follow(/** @type {CustomEvent<{ label: string, to: string }>} */ (event).detail);
     });
     this.route();
     this.link.open();
@@ -95,16 +97,13 @@ class Page {
   }
 
   /**
-   * Goes on with a probe under its new name; the old address would lead to nothing.
-   * @param {{ from: string, to: string, label: string }} names
+   * Goes on with the probe under its new name; the old address would lead to nothing.
+   * @param {{ label: string, to: string }} names
    */
-  follow({ from, to, label }) {
-    if (from === this.model.selected) {
-      this.model.selected = this.viewProbe = to;
-      history.replaceState(null, "", `#/${this.viewName}/${encodeURIComponent(to)}`);
-      tell(`${label} is called ${to} now`);
-    }
-    this.model.dispatchEvent(new CustomEvent("list"));
+  follow({ label, to }) {
+    this.viewProbe = to;
+    history.replaceState(null, "", `#/${this.viewName}/${encodeURIComponent(to)}`);
+    tell(`${label} is called ${to} now`);
   }
 
   /** Makes the view anew; in its place what went wrong, if that fails. */
@@ -164,7 +163,7 @@ class Page {
     const wanted = selected ? every.map((topic) => [selected, topic]) : [];
     this.link.watch([...wanted, ...more], hz, selected);
     this.header.draw(performance.now());
-    this.model.alarm.listen(performance.now());
+    this.alarm.listen(performance.now());
     this.guarded(() => this.view?.draw(performance.now()));
     this.link.drawn();
   }

@@ -2,7 +2,6 @@
 // @ts-check
 // What the page knows of the probes: the last of each kind of message, and when it came.
 
-import { Alarm } from "./alarm.js";
 import { Marks } from "./marks.js";
 import { Strokes } from "./strokes.js";
 
@@ -92,6 +91,12 @@ export class Probe {
     return nowMs - this.poseMs > Math.min(patience, STALE_MAX_MS);
   }
 
+  /** Its name; one that nobody has named by its board and the last digits of its id. */
+  get label() {
+    const board = this.status?.hello?.board ?? "probe";
+    return /^[0-9a-f]{16}$/.test(this.name) ? `${board}-${this.name.slice(-4)}` : this.name;
+  }
+
   /**
    * What the probe does, in the daemon's words.
    * @param {number} nowMs
@@ -135,7 +140,7 @@ export class Probe {
 
 /**
  * All probes by name. Emits "probe" with each line about one, "body" with each state of
- * a limb, "renamed", "list", and "reset" when a log takes the place of what is live, or the other way round.
+ * a limb, "renamed" if the selected one was, "list", and "reset" when a log takes the place of what is live, or the other way round.
  */
 export class Model extends EventTarget {
   /** @param {import("./link.js").Link} link */
@@ -151,7 +156,8 @@ export class Model extends EventTarget {
     this.played = null; // where the log is that is played
     this.strokes = new Strokes(this);
     this.marks = new Marks(this);
-    this.alarm = new Alarm(this);
+    /** @type {Map<string, string>} */
+    this._labels = new Map();
     /** @type {Map<string, Body>} */
     this.bodies = new Map();
     link.addEventListener("line", (event) => {
@@ -169,23 +175,19 @@ export class Model extends EventTarget {
   }
 
   /**
-   * What to call a probe: its name; one that nobody has named by its board and the last
-   * digits of its id, unless two would be called so.
+   * What to call a probe: its label, unless two would be called so.
    * @param {string} name
    */
   labelOf(name) {
-    const label = this._short(name);
-    const isTwice = this.names.some((other) => other !== name && this._short(other) === label);
-    return isTwice ? name : label;
+    return this._labels.get(name) ?? name;
   }
 
-  /** @param {string} name */
-  _short(name) {
-    if (!/^[0-9a-f]{16}$/.test(name)) {
-      return name;
-    }
-    const board = this.probes.get(name)?.status?.hello?.board;
-    return `${typeof board === "string" ? board : "probe"}-${name.slice(-4)}`;
+  /** Other probes are there, or are called otherwise. */
+  _changed() {
+    const all = [...this.probes.values()].map((probe) => ({ name: probe.name, label: probe.label }));
+    const isTwice = (/** @type {string} */ label) => all.filter((one) => one.label === label).length > 1;
+    this._labels = new Map(all.map(({ name, label }) => [name, isTwice(label) ? name : label]));
+    this.dispatchEvent(new CustomEvent("list"));
   }
 
   get mayCommand() {
@@ -206,16 +208,19 @@ export class Model extends EventTarget {
   }
 
   /**
-   * A probe that says its id by another name than before was renamed.
-   * @param {Line} status
+   * A probe that says its id by another name than before was renamed: the one that is
+   * selected stays so.
+   * @param {Line} status its first by that name
    */
   _rename(status) {
     for (const [name, { status: last }] of this.probes) {
       if (name !== status.probe && last !== null && last.probe_id === status.probe_id) {
-        const label = this.labelOf(name);
         this.probes.delete(name);
-        const detail = { from: name, to: status.probe, label };
-        this.dispatchEvent(new CustomEvent("renamed", { detail }));
+        if (name === this.selected) {
+          this.selected = status.probe;
+          const detail = { label: this.labelOf(name), to: status.probe };
+          this.dispatchEvent(new CustomEvent("renamed", { detail }));
+        }
       }
     }
   }
@@ -244,15 +249,15 @@ export class Model extends EventTarget {
         if (!this.probes.has(this.selected)) {
           this.selected = line.probe;
         }
-        this.dispatchEvent(new CustomEvent("list"));
+        this._changed();
       }
       const isFirst = line.type === "status" && probe.status === null;
       probe.take(line, performance.now());
       if (isFirst) {
-        this.dispatchEvent(new CustomEvent("list")); // its label is known now
-      }
-      if (line.type === "status" && line.probe_id) {
-        this._rename(line);
+        if (line.probe_id) {
+          this._rename(line);
+        }
+        this._changed(); // its label is known now
       }
       this.dispatchEvent(new CustomEvent("probe", { detail: line }));
     }

@@ -2,7 +2,7 @@
 // @ts-check
 // What was reached, when, and how surely; this browser keeps it until it is cleared.
 
-import { keep, kept, make, save } from "../dom.js";
+import { keep, kept, make, save, scrolling } from "../dom.js";
 import { fixed } from "../format.js";
 import { csvOf } from "./hold.js";
 
@@ -23,13 +23,11 @@ export class Protocol {
       const text = isCsv ? csvOf(this._all) : JSON.stringify(this._all, null, 2);
       save(name, new Blob([text], { type }));
     };
-    const heads = HEADS.map((text) => make("th", { scope: "col" }, text));
-    const table = make("table", {}, make("thead", {}, make("tr", {}, ...heads)), this._rows);
     this.element = make(
       "div",
       { class: "card protocol" },
       make("h2", {}, "Reached"),
-      make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Reached" }, table),
+      scrolling("Reached", HEADS, this._rows),
       make(
         "div",
         { class: "row" },

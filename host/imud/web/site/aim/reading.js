@@ -5,13 +5,12 @@
 import { make, say } from "../dom.js";
 import { angle, fixed, UNKNOWN } from "../format.js";
 import { errorsOf } from "../model.js";
+import { SIGMAS } from "./target.js";
 import { voidWords } from "../views/words.js";
 
 /** @typedef {import("./target.js").Target} Target */
 /** @typedef {import("./target.js").Verdict} Verdict */
 /** @typedef {import("../model.js").Pose} Pose */
-
-const SIGMAS = 2;
 
 const WORDS = {
   reached: "On target",
@@ -29,7 +28,7 @@ const SINCE = { origin: ", since the origin", capture: ", since it was captured"
 function doubtWords({ sigma, since, lost }, isCaptured) {
   const how = since === null ? "" : SINCE[since];
   const doubt =
-    sigma === null ? "how sure is not known" : `± ${fixed(2 * sigma, 2)}° (two sigma${how})`;
+    sigma === null ? "how sure is not known" : `± ${fixed(SIGMAS * sigma, 2)}° (two sigma${how})`;
   if (lost === null) {
     return doubt;
   }
@@ -47,10 +46,10 @@ function adviceOf({ sigma, since, lost }, pose, { tolerance_deg: tolerance, capt
   if (sigma === null || lost !== null || SIGMAS * sigma < tolerance) {
     return "";
   }
-  const { tilt_sigma_deg: tilt, heading_sigma_deg: turn } = since === "origin" ? errorsOf(pose) : pose;
+  const { tilt_sigma_deg: tilt, heading_sigma_deg: turn } = errorsOf(pose);
   const what = capture ? "capture the target" : "set the origin";
   const again = since === null ? "" : " again";
-  const known = since === null || turn === null ? "" : ` Its heading since then is known to ±${fixed(SIGMAS * turn, 1)}°.`;
+  const known = since !== "origin" || turn === null ? "" : ` Its heading since then is known to ±${fixed(SIGMAS * turn, 1)}°.`;
   const byGravity =
     tilt !== null && SIGMAS * tilt < tolerance
       ? ` Or aim an axis at the vertical: gravity tells that to ±${fixed(SIGMAS * tilt, 1)}°.`

@@ -51,7 +51,7 @@ import {
  * @property {number} twist about the axis, degrees
  */
 
-const SIGMAS = 2;
+export const SIGMAS = 2; // that an aim has to be sure by
 // An axis this close to the vertical (its sine) does not depend on the heading.
 const UPRIGHT = 0.01;
 

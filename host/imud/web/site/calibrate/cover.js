@@ -9,7 +9,7 @@ import { flat } from "../scene/parts.js";
 /** @typedef {import("../scene/scene.js").Colours} Colours */
 /** @typedef {readonly [number, number, number]} Vector */
 
-const RADIUS = 1.18;
+export const RADIUS = 1.18;
 const SPOT = 0.05;
 const ALIKE = Math.cos((25 * Math.PI) / 180);
 

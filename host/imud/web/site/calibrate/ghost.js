@@ -7,12 +7,12 @@ import * as three from "../vendor/three/three.module.min.js";
 import { fromRotationVector, multiply, rotate } from "../rotation.js";
 import { makeProbe } from "../scene/bodies.js";
 import { flat } from "../scene/parts.js";
+import { RADIUS } from "./cover.js";
 
 /** @typedef {import("../rotation.js").Quat} Quat */
 /** @typedef {import("../rotation.js").Vector} Vector */
 /** @typedef {import("../scene/scene.js").Colours} Colours */
 
-const RADIUS = 1.18; // of the arrow: that of the sphere with the spots
 const STEPS = 32;
 const ALIKE_RAD = 0.15; // so near it is there: no ghost, no arrow
 const HEAD = 0.09; // length of the arrow's head

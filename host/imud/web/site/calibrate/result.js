@@ -42,9 +42,9 @@ export class ResultCard {
     this.apply = make("button", { class: "primary", onclick: apply }, "Apply");
     this.undo = make("button", { onclick: undo }, "Undo");
     this._shownText = "";
-    this._then = make("p", { role: "status", "data-part": "then" });
+    this._step = make("p", { role: "status", "data-part": "last-step" });
     const see = make("a", { href: "#/probe", class: "button" }, "See it move");
-    this._last = make("div", { class: "stack then" }, this._then, make("div", { class: "row" }, see));
+    this._last = make("div", { class: "stack" }, this._step, make("div", { class: "row" }, see));
     this.element = make(
       "div",
       { class: "card", hidden: true },
@@ -76,7 +76,7 @@ export class ResultCard {
     mark(this.undo, "disabled", !mayCommand || !isApplied);
     this._last.hidden = !isApplied;
     if (probe && isApplied) {
-      say(this._then, then(probe, isFresh));
+      say(this._step, lastStep(probe, isFresh));
     }
     const isGood = findings.every((/** @type {any} */ one) => one.verdict === "good");
     const words = outcome === null ? (isGood ? "it holds" : "calibrate again") : "";
@@ -96,7 +96,7 @@ export class ResultCard {
  * @param {Probe} probe
  * @param {boolean} isFresh
  */
-function then({ pose, status }, isFresh) {
+function lastStep({ pose, status }, isFresh) {
   if (pose === null || !isFresh) {
     return "Last step: start the probe, and lay it still for 3 s.";
   }

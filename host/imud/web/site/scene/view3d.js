@@ -85,9 +85,9 @@ export class View3d {
    * @returns {Promise<Blob | null>}
    */
   picture() {
-    this.orbit.place(this._camera);
     // What was drawn is there until the browser has shown it.
-    this._renderer.render(this._scene, this._camera);
+    this.invalidate();
+    this.draw();
     return new Promise((resolve) => this.canvas.toBlob(resolve));
   }
 

@@ -2,6 +2,7 @@
 // @ts-check
 // Commands to the selected probe: each button says what happened.
 
+import { alarmChoice } from "../alarm.js";
 import { make, mark, say } from "../dom.js";
 import { tell } from "../header.js";
 
@@ -52,7 +53,7 @@ export class Controls {
         { class: "stack inner" },
         this._makeRename(),
         make("div", { class: "row" }, this._log),
-        model.alarm.choice(),
+        alarmChoice(),
         this._rates,
         make(
           "div",

@@ -6,9 +6,9 @@ import { keep, kept, make, mark, save, say } from "../dom.js";
 import { fixed, span } from "../format.js";
 import { toAngles } from "../rotation.js";
 import { Scene } from "../scene/scene.js";
-import { MarksCard } from "../marks.js";
 import { Controls } from "./controls.js";
 import { convention } from "./convention.js";
+import { MarksCard } from "./marks.js";
 import { Numbers } from "./numbers.js";
 import { concerns, flagWords, showChips, STATES } from "./words.js";
 
