@@ -26,15 +26,20 @@ WRONG = "wrong"
 
 
 class Asked:
-    """Records commands, and answers them at once."""
+    """Records commands and answers them: at once, or one that waits when released."""
 
     def __init__(self) -> None:
         self.all: list[tuple[str, str, dict[str, str]]] = []
+        self.waits = ""
+        self.release: Callable[[], None] | None = None
 
     def __call__(
         self, probe: str, command: str, parameters: Any, answer: Any, _by: str
     ) -> None:
         self.all.append((probe, command, parameters))
+        if command == self.waits:
+            self.waits, self.release = "", lambda: answer(b'{"ok":true}', "")
+            return
         answer(b'{"ok":true}', "" if command != "fly" else "probes can't fly")
 
 

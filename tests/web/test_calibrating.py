@@ -221,6 +221,34 @@ def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
         ]
 
 
+def test_one_that_was_told_its_end_may_begin_anew_at_once(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+    set_up = ["rate", "fields", "start"]
+    with known(served) as browser:
+        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
+        until(lambda: len(served.asked.all) == 3)
+        sending = Sending(served)
+        sending.start()
+        calibration(browser, "running")
+        served.asked.waits = "stop"
+        for _ in range(2):
+            browser.say(do="calibrate", id=2, probe=PROBE, kind="end")
+        calibration(browser, "refused")
+        sending.stop()
+        browser.say(do="calibrate", id=3, probe=PROBE, kind="all")
+        calibration(browser, "preparing")
+        until(lambda: served.asked.release)
+        # The probe is not asked for anything before it is as it was.
+        asked = [command for _, command, _ in served.asked.all]
+        assert asked == [*set_up, "stop"]
+        served.asked.release()
+        until(lambda: len(served.asked.all) == 9)
+        asked = [command for _, command, _ in served.asked.all]
+        assert asked == [*set_up, "stop", "fields", "rate", *set_up]
+
+
 @pytest.mark.parametrize(
     ("about", "why"),
     [

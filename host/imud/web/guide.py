@@ -24,6 +24,7 @@ from imud.web.feed import CALIBRATION, Feed, Key
 HEARD_S = 1.0  # a probe that sends raw samples is heard within this time
 SILENT_S = 5.0
 TICK_S = 0.25
+RUNNING = b'"phase":"running"'
 WAITING_MAX = 4 << 20  # bytes that the calibrator has not read
 EARLY_MAX = 4000  # samples that come before the calibrator is there
 
@@ -43,10 +44,18 @@ class CalibrationGuide:
     """One calibration. Belongs to the server's loop."""
 
     def __init__(
-        self, probe: str, kind: Kind, feed: Feed, ask: Ask, tell: Tell
+        self,
+        probe: str,
+        kind: Kind,
+        feed: Feed,
+        ask: Ask,
+        tell: Tell,
+        before: CalibrationGuide | None,
     ) -> None:
         self._probe, self._kind = probe, kind
         self._feed, self._ask, self._tell = feed, ask, tell
+        self._before = before  # leaves the probe as it was, before this one begins
+        self.is_told = False  # how it ends was told; whoever was told may begin anew
         self._heard = asyncio.Event()
         self._early: deque[bytes] = deque(maxlen=EARLY_MAX)
         self._process: processes.Process | None = None
@@ -75,15 +84,26 @@ class CalibrationGuide:
     async def stop(self) -> None:
         """Gives it up, and leaves the probe as it was."""
         self._task.cancel()
+        await self._wait()
+
+    async def _wait(self) -> None:
+        """Waits until it has left the probe as it was."""
         await asyncio.wait([self._task])
+        if self._before is not None:
+            await self._before._wait()
 
     async def _run(self) -> None:
         try:
             self._say(phase="preparing", says="The probe is asked for raw samples.")
+            if self._before is not None:
+                await self._before._wait()
+                self._before = None
+                self._early.clear()
             task = self._make_task()
             await self._set_up()
             await self._follow(task)
         except GuideError as error:
+            self.is_told = True
             self._say(phase="refused", why=str(error))
         finally:
             await processes.end(self._process)
@@ -147,13 +167,14 @@ class CalibrationGuide:
             last = b""
             while process.stdout and (line := await process.stdout.readline()):
                 last = line.rstrip(b"\n")
+                self.is_told = RUNNING not in last
                 self._tell(self._probe, last)
         finally:
             watching.cancel()
             await asyncio.wait([watching])
         if not watching.cancelled() and (error := watching.exception()) is not None:
             raise error
-        if b'"phase":"running"' in last or not last:
+        if not self.is_told:
             raise GuideError("the calibration ended early; begin again")
 
     async def _watch(self, process: processes.Process) -> None:
@@ -188,10 +209,10 @@ class Guides:
     def begin(self, probe: str, kind: Kind) -> None:
         """Begins one; GuideError if there is one of that probe."""
         before = self._all.get(probe)
-        if before is not None and not before.is_over:
+        if before is not None and not (before.is_told or before.is_over):
             raise GuideError("this probe is being calibrated")
         self._all[probe] = CalibrationGuide(
-            probe, kind, self._feed, self._ask, self._tell
+            probe, kind, self._feed, self._ask, self._tell, before
         )
 
     def end(self, probe: str) -> None:
