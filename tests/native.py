@@ -38,8 +38,8 @@ OWN = (Path(__file__), Path(__file__).with_name("prototypes.py"))
 # With the core and the chips' models in the library of load(): a library of their own
 # would take seconds to build. Each has a header.
 BESIDE = (
-    *("firmware/generic/bus_recovery", "firmware/stm32/identity"),
-    *("firmware/stm32/journal", "sim/run/motion"),
+    *("firmware/generic/bus_recovery", "firmware/generic/identity"),
+    *("firmware/generic/journal", "sim/run/motion"),
     *("tests/core/loops", "tests/generic/lines", "tests/stm32/bits"),
 )
 BESIDE_HEADERS = ("firmware/generic/slots.h",)

@@ -8,7 +8,7 @@
 #include "core/wire/messages.h"
 #include "cpu.h"
 #include "flash.h"
-#include "identity.h"
+#include "generic/identity.h"
 #include "idle.h"
 #include "pins.h"
 #include "power.h"
@@ -83,7 +83,7 @@ uint8_t board_kind(void) {
 
 bool board_unique_id(uint8_t id[8]) {
     const uint32_t words[3] = {UNIQUE_ID[0], UNIQUE_ID[1], UNIQUE_ID[2]};
-    identity_fold(words, id);
+    identity_fold((const uint8_t *)words, sizeof words, id);
     return true;
 }
 

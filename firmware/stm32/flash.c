@@ -7,7 +7,7 @@
 #include "../board.h"
 #include "clock.h"
 #include "cpu.h"
-#include "journal.h"
+#include "generic/journal.h"
 
 enum {
     FIRST_SECTOR = 10,

@@ -62,4 +62,5 @@ def test_its_cmake_file_builds_all_of_it(
         assert done.returncode == 0, done.stdout + done.stderr
     objects = {path.name for path in made.rglob("*.obj")}
     core = {f"{path.name}.obj" for path in (root / "firmware/core").glob("*/*.c")}
-    assert objects == core | {"module.c.obj", "ports.c.obj", "empty.c.obj"}
+    beside = {"module.c.obj", "ports.c.obj", "identity.c.obj", "empty.c.obj"}
+    assert objects == core | beside

@@ -9,6 +9,7 @@ target_sources(usermod_imuprobe INTERFACE
     ${CMAKE_CURRENT_LIST_DIR}/module.c
     ${CMAKE_CURRENT_LIST_DIR}/ports.c
     ${imuprobe_core}
+    ${imuprobe_firmware}/generic/identity.c
 )
 target_include_directories(usermod_imuprobe INTERFACE ${imuprobe_firmware})
 target_link_libraries(usermod INTERFACE usermod_imuprobe)

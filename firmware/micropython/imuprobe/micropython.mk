@@ -6,4 +6,5 @@ IMUPROBE_FIRMWARE := $(abspath $(IMUPROBE_DIR)/../..)
 
 SRC_USERMOD_C += $(IMUPROBE_DIR)/module.c $(IMUPROBE_DIR)/ports.c
 SRC_USERMOD_LIB_C += $(wildcard $(IMUPROBE_FIRMWARE)/core/*/*.c)
+SRC_USERMOD_LIB_C += $(IMUPROBE_FIRMWARE)/generic/identity.c
 CFLAGS_USERMOD += -I$(IMUPROBE_FIRMWARE)

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "core/probe/commands.h"
+#include "generic/identity.h"
 #include "object.h"
 #include "py/mperrno.h"
 #include "py/mphal.h"
@@ -57,20 +58,14 @@ static void take_firmware(struct imuprobe *self, mp_obj_t text) {
            length < sizeof self->firmware ? length : sizeof self->firmware);
 }
 
-// Folds the id of a chip, of any length, to eight bytes as firmware/stm32/identity.c
-// does: a board keeps its id when it changes between the two firmwares (FNV-1a, 64
-// bits).
+// As the firmware in C: a board keeps its id when it changes between the two.
 static void take_id(struct imuprobe *self, mp_obj_t object) {
     mp_buffer_info_t id;
     mp_get_buffer_raise(object, &id, MP_BUFFER_READ);
-    uint64_t hash = UINT64_C(0xCBF29CE484222325);
-    for (size_t i = 0; i < id.len; i++) {
-        hash = (hash ^ ((const uint8_t *)id.buf)[i]) * UINT64_C(0x00000100000001B3);
+    if (id.len > UINT8_MAX) {
+        mp_raise_ValueError(MP_ERROR_TEXT("an id has 255 bytes at most"));
     }
-    hash |= hash == 0;  // all zeros would mean that there is none
-    for (uint8_t i = 0; i < sizeof self->id; i++) {
-        self->id[i] = (uint8_t)(hash >> (8 * i));
-    }
+    identity_fold(id.buf, (uint8_t)id.len, self->id);
 }
 
 // Fills memory from storage.load(buffer), which leaves it alone where it has nothing.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 # The STM32F405 of a pyboard: what firmware/stm32 has for clock, wire, bus and flash.
-STM32 := start clock reset flash journal adc uart i2c identity
+STM32 := start clock reset flash journal adc uart i2c
 MACHINE := -mthumb -mcpu=cortex-m4 -mfloat-abi=hard -mfpu=fpv4-sp-d16
 
 CFLAGS += $(MACHINE) -O2 -fsingle-precision-constant -DF_CPU=168000000L

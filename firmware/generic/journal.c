@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Words of the journal: value in bits 0 to 7, offset in 8 to 23, the number of zeros
 // among those 24 in bits 24 to 31. A header has its generation for an offset.
-#include "journal.h"
+#include "generic/journal.h"
 
 #include <string.h>
 
