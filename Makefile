@@ -33,7 +33,7 @@ test test-long coverage: export OPENBLAS_NUM_THREADS := 1
 help: ## this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
-demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython)
+demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython, pico)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@imud demo --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
@@ -90,9 +90,10 @@ lock: ## requirements.lock anew: the newest versions that pyproject.toml allows
 	@$(PYTHON) tools/setup.py check
 	@python tools/locked.py
 
-firmware: ## the image of a board (BOARD=nano, f405, micropython)
+firmware: ## image of a board (BOARD=nano, f405, micropython, pico, pico-micropython, pico2-micropython)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
-	@$(if $(filter micropython,$(BOARD)),,pio run --environment $(environment))
+	@$(if $(filter micropython pico%,$(BOARD)),,pio run --environment $(environment))
+	@$(if $(filter pico%,$(BOARD)),echo "build/pico/$(BOARD).uf2: copy it onto the drive that the board shows")
 
 sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo

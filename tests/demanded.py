@@ -11,6 +11,12 @@ import os
 
 import pytest
 
+from imud.virtual.boards import BOARDS, PICO
+from length import choose
+
+# The virtual boards that `make test` builds; `make test-long` builds the Pico, too.
+BUILT = choose(everyday=[name for name in BOARDS if name != PICO.name], long=[*BOARDS])
+
 
 def leave_out(what: str, *, is_whole_file: bool = False) -> None:
     """Skips a test, or a whole file's, for want of `what`; fails in `make check`."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import itertools
 import re
 import subprocess
 import tempfile
@@ -150,6 +151,7 @@ SIM_ROOMS = {
     "nano": ("chips", "run", "selftest"),
     "f405": ("chips", "run"),
     "f405/board": ("chips", "run", "f405"),
+    "pico": ("chips", "run"),
 }
 
 
@@ -297,7 +299,9 @@ def test_what_boards_share_knows_none_of_them():
                 assert name.startswith(("core/", "generic/")), f"{path.name}: {name}"
 
 
-@pytest.mark.parametrize(("one", "other"), [("avr", "stm32"), ("stm32", "avr")])
+@pytest.mark.parametrize(
+    ("one", "other"), [*itertools.permutations(("avr", "stm32", "rp2040"), 2)]
+)
 def test_no_board_sees_another(one, other):
     for path in files(FIRMWARE / one):
         assert not re.search(rf"include.*\b{other}\b", path.read_text()), path

@@ -27,6 +27,10 @@ AVR8JS = "tests/avr8js"
 IN_AVR8JS = (
     f"pio run --silent --environment nano && {sys.executable} -m pytest -q {AVR8JS}"
 )
+IN_RP2040JS = (
+    f"{sys.executable} tools/pico.py pico && make --silent --directory sim pico && "
+    f"{sys.executable} -m pytest -q -m 'not nightly' tests/system/test_pico.py"
+)
 INCLUDES = ("-Ifirmware", "-Isim", "-Isim/chips")
 
 CPPCHECK = (
@@ -101,18 +105,7 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     )
     yield from PYTHON
     yield "imports", ("lint-imports",)
-    yield (
-        "types of the page",
-        (str(PAGE_TOOLS / "tsc"), "-p", "tools/web/tsconfig.json"),
-    )
-    eslint = ("--config", "build/web/eslint.config.js", "host/imud/web/site")
-    yield "lint of the page", (str(PAGE_TOOLS / "eslint"), *eslint, AVR8JS)
-    yield (
-        "types beside avr8js",
-        (str(PAGE_TOOLS / "tsc"), "-p", f"{AVR8JS}/tsconfig.json"),
-    )
-    yield "image in avr8js", ("sh", "-c", IN_AVR8JS)
-    yield "the page's libraries", (python, "tools/vendor.py", "--check")
+    yield from of_scripts()
     yield "generated files", (python, "protocol/generate.py", "--check")
     yield "MicroPython", (python, "tools/micropython_build.py", "check")
     yield "cppcheck", (*CPPCHECK, *INCLUDES, *portable, *chips)
@@ -127,6 +120,23 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
             *("-Ifirmware/stm32/libc", *stm32),
         ),
     )
+
+
+def of_scripts() -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Of the page, and of the emulators in JavaScript."""
+    yield (
+        "types of the page",
+        (str(PAGE_TOOLS / "tsc"), "-p", "tools/web/tsconfig.json"),
+    )
+    eslint = ("--config", "build/web/eslint.config.js", "host/imud/web/site")
+    yield "lint of the page", (str(PAGE_TOOLS / "eslint"), *eslint, AVR8JS)
+    yield (
+        "types beside avr8js",
+        (str(PAGE_TOOLS / "tsc"), "-p", f"{AVR8JS}/tsconfig.json"),
+    )
+    yield "image in avr8js", ("sh", "-c", IN_AVR8JS)
+    yield "image in rp2040js", ("sh", "-c", IN_RP2040JS)
+    yield "the page's libraries", (sys.executable, "tools/vendor.py", "--check")
 
 
 def sources(*folders: str, kinds: tuple[str, ...] = ("*.c", "*.h")) -> list[str]:

@@ -90,6 +90,16 @@ CHROMIUM = Need("chromium", has("chromium"))
 FRAMA_C = Need("frama-c-base", has("frama-c"))
 BROWSING = ("test", "test-long", "bench")  # commands that use it
 BOARD_NEEDS["micropython"] = (*BOARD_NEEDS["f405"], NEWLIB)
+PICOS = (
+    "pico",
+    "pico-micropython",
+    "pico2-micropython",
+)  # as tools/pico.py builds them
+for _name in PICOS:
+    BOARD_NEEDS[_name] = (
+        *(Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")), NEWLIB),
+        *(Need("nodejs", has("node")), Need("npm", has("npm"))),
+    )
 TEST_NEEDS = (
     NEWLIB,
     # Independent tools that check a card which `imud card prepare` made.

@@ -30,6 +30,7 @@ from needs import (
     BROWSING,
     CHROMIUM,
     FRAMA_C,
+    PICOS,
     PYTHON_NEEDS,
     Need,
     missing,
@@ -86,6 +87,8 @@ def main(arguments: Sequence[str]) -> None:
         boards = (*boards, MICROPYTHON)
     elif MICROPYTHON in boards:
         groups = (*groups, MICROPYTHON)
+    if args.command == "test-long":
+        boards = (*boards, "pico", "pico-micropython")
     with alone():
         LOG.write_text("")
         needs = system_needs(args.command, boards)
@@ -111,6 +114,7 @@ def main(arguments: Sequence[str]) -> None:
             lambda: build_images(boards),
             lambda: build_sim(boards),
             lambda: build_micropython(args.command, boards),
+            lambda: build_picos(boards),
         )
 
 
@@ -130,15 +134,21 @@ def build_images(boards: Sequence[str]) -> None:
 
 
 def build_micropython(command: str, boards: Sequence[str]) -> None:
-    building = ("demo", "test", "test-long", "bench")
-    if MICROPYTHON in boards and command in building:
+    if MICROPYTHON in boards and command in ("demo", "test", "test-long", "bench"):
         step(MICROPYTHON, venv("python"), "tools/micropython_build.py", "pyboard")
 
 
+def build_picos(boards: Sequence[str]) -> None:
+    for name in boards:
+        if name in PICOS:
+            step(f"image of {name}", venv("python"), "tools/pico.py", name)
+
+
 def build_sim(boards: Sequence[str]) -> None:
-    """Build all of sim/ for both boards, or only the named board's emulator."""
+    """Build both boards' emulators, or only the named board's; the Pico's if named."""
     emulator = "f405" if boards[0] == MICROPYTHON else boards[0]
-    targets = [f"../build/sim/{emulator}"] if len(boards) == 1 else []
+    targets = ["all"] * (len(boards) > 1) + ["pico"] * bool(set(boards) & set(PICOS))
+    targets = targets or [f"../build/sim/{emulator}"]
     jobs = f"--jobs={os.cpu_count() or 1}"
     step("virtual boards", "make", "--silent", jobs, "--directory", "sim", *targets)
 

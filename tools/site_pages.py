@@ -28,7 +28,7 @@ TREE = {
         *("pose", "subscribe", "languages", "stream", "ros2", "slicer", "angles"),
         *("clock", "fleet"),
     ),
-    "Boards": ("nano", "f405", "micropython", "udp", "ports", "no-port"),
+    "Boards": ("nano", "f405", "pico", "micropython", "udp", "ports", "no-port"),
     "How far to trust it": (
         *("honesty", "motions", "faults", "twin", "fuse-on-host", "security", "proof"),
     ),

@@ -34,6 +34,12 @@ BOARD = (
     "firmware/boards/*.json",
     "firmware/platforms/**/*.py",
 )
+PICO = (
+    "tools/pico*.py",
+    "firmware/*.[ch]",
+    "firmware/rp2040/CMakeLists.txt",
+    *(f"firmware/{room}/**/*.[ch]" for room in ("core", "generic", "rp2040")),
+)
 MICROPYTHON = (
     "tools/micropython_build.py",
     "firmware/micropython/port/**/Makefile",
@@ -48,6 +54,7 @@ MARK = b"imu-probe sources "
 _STARTED_AGAIN = "IMUD_STARTED_AGAIN"
 _PLATFORMIO = re.compile(r"\.pio/build/([^/]+)/firmware\.elf$")
 _PYBOARD = "build/micropython/pyboard/micropython"
+_PICO = "build/pico/pico.elf"
 
 
 def digest(patterns: Iterable[str], root: Path = ROOT) -> str:
@@ -113,6 +120,10 @@ def refresh_image(image: Path) -> None:
         root, name, patterns = path.parents[3], "micropython", MICROPYTHON
         command = [str(root / "tools" / "micropython_build.py"), "pyboard"]
         by_hand = "make firmware BOARD=micropython"
+    elif path.as_posix().endswith(_PICO):
+        root, name, patterns = path.parents[2], "pico", PICO
+        command = [str(root / "tools" / "pico.py"), "pico"]
+        by_hand = "make firmware BOARD=pico"
     else:
         return
     if not (root / "platformio.ini").is_file():

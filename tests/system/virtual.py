@@ -50,6 +50,8 @@ class Board:
     # Registers of the sensor with a value that is not the firmware's, as a fault.
     kept_registers: tuple[dict[str, int], ...]
     write_us: int  # a power cut so long after a write began is in its midst
+    options: tuple[str, ...] = ()  # of its emulator
+    brown_out: str = "brown_out"  # how it tells one
 
 
 NANO = Board(
@@ -91,11 +93,33 @@ F405 = Board(
     ),
     write_us=8,
 )
+PICO = Board(
+    name="pico",
+    rate_hz=200,
+    clock_hz=125_000_000,
+    flash=(2048 - 64) * 1024,  # what the settings leave
+    ram=264 * 1024,
+    stack=4 * 1024,
+    unevenness_us=20,
+    ready_us=712_000,
+    setup_transactions=(2, 20, 55, 70),
+    transaction=500,
+    transaction_bytes=25,  # one burst of 22
+    acknowledged=(0, 1, 2),
+    no_mag="no_ak8963",
+    has_relatives=True,
+    kept_registers=({"reg": 26, "value": 0}, {"reg": 28, "value": 0}),
+    write_us=100,
+    brown_out="power_on",  # which the chip tells from it no more
+    options=("--wire", "uart"),  # which has all that is said before a host is there
+)
 BOARDS = {board.name: board for board in (NANO, F405)}
+# Its emulator is slower, and needs what `make demo` does not install.
+BOARDS |= choose(everyday={}, long={PICO.name: PICO})
 
 # The F405 again, with the same sensor, running MicroPython.
 MICROPYTHON = dataclasses.replace(F405, name="micropython", stack=24 * 1024)
-ALL_BOARDS = BOARDS | {MICROPYTHON.name: MICROPYTHON}
+ALL_BOARDS = BOARDS | {board.name: board for board in (MICROPYTHON, PICO)}
 LONG = pytest.param(MICROPYTHON.name, marks=pytest.mark.long)
 NAMES = choose(everyday=[*BOARDS], long=[*BOARDS, LONG])
 every_board = pytest.mark.parametrize("stub", NAMES, indirect=True)
@@ -183,7 +207,7 @@ def run(
     record = stub.folder / f"uart-{number}.bin"
     summary = stub.folder / "summary.json"
     words = ["--image", stub.image, "--record", record, "--summary", summary]
-    words += ["--fast", "--seconds", seconds, *options]
+    words += ["--fast", "--seconds", seconds, *stub.board.options, *options]
     if faults:
         listed = stub.folder / "faults.json"
         listed.write_text(json.dumps(list(faults)))

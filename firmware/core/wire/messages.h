@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0x0f81c6e9u
-#define SCHEMA_SEED 0xc6e9u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xb8f20581u
+#define SCHEMA_SEED 0x0581u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -50,6 +50,7 @@ enum board {
     BOARD_NANO = 1,
     BOARD_F405 = 2,
     BOARD_MICROPYTHON = 3,
+    BOARD_PICO = 4,
 };
 
 enum sensor {

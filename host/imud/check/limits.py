@@ -24,8 +24,13 @@ SLOPE_MG = 35.0  # of a table that is off level by two degrees
 
 # Millivolts that are normal, and what is a fault, by board. The Nano measures its own
 # against a reference of 10 % (data sheet of the ATmega328P, 28.8), and 16 MHz need
-# 3.78 V (28.3).
-SUPPLY_MV = {"nano": (4_300, 5_500, 3_780), "f405": (3_000, 3_600, 2_400)}
+# 3.78 V (28.3). The Pico measures what feeds it, which its regulator takes from 1.8 to
+# 5.5 V (data sheet of the Pico, 4.5).
+SUPPLY_MV = {
+    "nano": (4_300, 5_500, 3_780),
+    "f405": (3_000, 3_600, 2_400),
+    "pico": (2_300, 5_500, 1_800),
+}
 
 # The Earth's field is 22 to 67 uT strong. A module's own field adds 15 to 45 uT or is
 # subtracted; a magnet beside it does worse.

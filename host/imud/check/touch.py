@@ -8,8 +8,16 @@ from collections.abc import Iterator
 from imud.check.evidence import Evidence
 from imud.check.rows import Row, RowVerdict, skipped
 
-PINS = {"nano": "between D3 and GND", "f405": "USR, or X17 to GND"}
-LED = {"nano": "the LED at D13", "f405": "the blue LED"}
+PINS = {
+    "nano": "between D3 and GND",
+    "f405": "USR, or X17 to GND",
+    "pico": "between GP15 and GND",
+}
+LED = {
+    "nano": "the LED at D13",
+    "f405": "the blue LED",
+    "pico": "the LED beside the USB socket",
+}
 
 # As docs/nano.md has it.
 SHOWS = {

@@ -254,6 +254,13 @@ def _add_hardware(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
             type=Path,
             help=_FILES[name].format(memory=board.memory),
         )
+    if board.wires:
+        parser.add_argument(
+            "--wire",
+            choices=board.wires,
+            default=board.wires[0],
+            help="which of its ports the host has (default: %(default)s)",
+        )
     if board.has_battery:
         parser.add_argument(
             "--battery",

@@ -13,7 +13,7 @@ OF_SENSOR = frozenset({"bus_fault", "sensor_fault"})
 
 @dataclass(frozen=True, slots=True)
 class _Wiring:
-    """How a board's sensor is connected: docs/nano.md, docs/f405.md."""
+    """How a board's sensor is connected: docs/nano.md, f405.md, pico.md."""
 
     address: str
     lines: str  # to check if nobody answers
@@ -27,6 +27,7 @@ _WIRING = {
         "power, SDA (X10), SCL (X9), SDO_G and SDO_XM to 3.3 V",
         "DRDY_G to Y11",
     ),
+    "pico": _Wiring("0x68", "power, SDA (GP4), SCL (GP5), AD0 to GND", "INT to GP6"),
 }
 _OTHER = _Wiring(
     "the sensor's address", "power, SDA, SCL, the address pin", "its data-ready pin"

@@ -28,6 +28,7 @@ class VirtualBoard:
     simulator_variable: str
     files: tuple[str, ...]  # options of its emulator that take a file
     has_battery: bool
+    wires: tuple[str, ...] = ()  # of several ports, the one that the host has
 
     def find_image(self, given: Path | None = None) -> Path:
         """The image to run; FileError if there is none."""
@@ -82,7 +83,22 @@ MICROPYTHON = VirtualBoard(
     files=("faults", "eeprom", "summary", "profile", "parts"),
     has_battery=True,
 )
-BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON)}
+PICO = VirtualBoard(
+    name="pico",
+    title="Pico",
+    what="a Raspberry Pi Pico with an MPU-9250",
+    sample_rate_hz=200,
+    memory="flash",
+    image=Path("build/pico/pico.elf"),
+    simulator=Path("build/sim/pico/pico"),
+    packaged="",
+    image_variable="IMUD_IMAGE_PICO",
+    simulator_variable="IMUD_SIM_PICO",
+    files=("faults", "eeprom", "summary"),
+    has_battery=False,
+    wires=("usb", "uart"),
+)
+BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO)}
 
 
 def find(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """`imud sim`: runs a virtual probe, the real firmware image in an emulator.
 
-The emulator is a separate program (sim/nano, sim/f405). This module finds it and
-the image, feeds it a motion through a pipe, and repeats what it prints.
+The emulator is a separate program (sim/nano, sim/f405, sim/pico). This module finds it
+and the image, feeds it a motion through a pipe, and repeats what it prints.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def command_line(args: argparse.Namespace, link: Path) -> list[str]:
     words: list[str | Path] = [simulator, "--image", image]
     words += ["--motion", "-", "--seed", str(args.seed)]
     words += ["--record", args.record] if args.record else ["--pty", link]
-    for name in ("seconds", *board.files, "battery", *WIRE):
+    for name in ("seconds", *board.files, "battery", "wire", *WIRE):
         value = getattr(args, name.replace("-", "_"), None)
         if value is not None:
             words += [f"--{name}", str(value)]

@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0x0F81C6E9
-SEED = 0xC6E9  # of the CRC of all messages but hello
+FINGERPRINT = 0xB8F20581
+SEED = 0x0581  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -21,6 +21,7 @@ class Board(IntEnum):
     NANO = 1
     F405 = 2
     MICROPYTHON = 3
+    PICO = 4
 
 
 class Sensor(IntEnum):

@@ -8,19 +8,20 @@ from pathlib import Path
 import pytest
 
 from benchmarks.calibration.simulated import errors, housing_error
+from demanded import BUILT
 from imud import cli
 from imud.calibration.guided import whole
 from imud.calibration.guided.housing import found as housing_found
 from imud.calibration.recording import Gatherer
 from imud.cli.calibrate_source import of_file
-from imud.virtual import boards, modules
+from imud.virtual import modules
 from length import choose
 
 SEED = 3
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("board", choose(everyday=["nano"], long=list(boards.BOARDS)))
+@pytest.mark.parametrize("board", choose(everyday=["nano"], long=BUILT))
 def test_a_shop_module_is_calibrated_from_what_its_image_sends(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:

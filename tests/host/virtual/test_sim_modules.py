@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from demanded import BUILT
 from imud import cli
 from imud.recordings import decode
-from imud.virtual import boards, modules, motion, sensors, sim
+from imud.virtual import modules, motion, sensors, sim
 
 SEED = 3
-each_board = pytest.mark.parametrize("board", boards.BOARDS)
+each_board = pytest.mark.parametrize("board", BUILT)
 
 
 def recorded(
@@ -42,7 +43,7 @@ def test_a_module_with_half_a_g_of_bias_reads_so(
     hand = ("--hand", "calibrate", "--seconds", 2.2)
     path = recorded(boards, board, tmp_path / "a.bin", "--module", bad, *hand)
     counts = np.mean([each["acc_counts"] for each in raw_of(path)[10:]], axis=0)
-    one_g = 2048.0 if board == "nano" else 1366.1
+    one_g = 2048.0 if board in ("nano", "pico") else 1366.1
     assert counts / one_g == pytest.approx([0.5, -0.5, 1.0], abs=0.02)
     assert not any("acc_clipped" in each["flags"] for each in raw_of(path))
 

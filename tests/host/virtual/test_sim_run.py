@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from demanded import BUILT
 from imud import cli
 from imud.recordings import decode
 from imud.virtual import sensors
@@ -21,7 +22,7 @@ from imud.wire.frame import FrameDecoder
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("board", BUILT)
 def test_it_streams_pose_and_raw_of_a_recording(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:
@@ -46,7 +47,7 @@ def test_it_streams_pose_and_raw_of_a_recording(
     assert started == ["button"]
 
 
-@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("board", BUILT)
 def test_its_serial_port_appears_speaks_and_goes(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:

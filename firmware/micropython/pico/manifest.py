@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: MIT
+# What is frozen into MicroPython's rp2 port beside its own modules: the package, and a
+# main.py, which a file of that name on the board would go before.
+# ruff: noqa: F821  # names that MicroPython's makemanifest.py gives it
+freeze("$(PORT_DIR)/modules")
+package("probe", base_path="..")
+module("main.py")

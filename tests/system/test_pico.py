@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: MIT
+"""The Pico's images in rp2040js: the same bits as on the host, and what is the Pico's
+own. The tests that all boards share run with it in `make test-long`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from bits.processors import replayed
+from demanded import leave_out
+from imud.virtual.boards import PICO as VIRTUAL
+from length import choose
+from system.virtual import (
+    PICO,
+    Run,
+    Stub,
+    assert_nothing_is_lost,
+    damaged,
+    run,
+    send,
+    write_hand,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+SIMULATOR = ROOT / VIRTUAL.simulator
+IMAGE = ROOT / VIRTUAL.image
+MICROPYTHON = IMAGE.with_name("pico-micropython.elf")
+CLICK = ("--press", "200000:300000")  # before the sensor is ready
+UDF = 0xDE00  # for ever undefined in Thumb
+
+if not (SIMULATOR.exists() and IMAGE.exists()):
+    leave_out("the virtual Pico is not there", is_whole_file=True)
+
+
+@pytest.fixture
+def pico(tmp_path: Path) -> Stub:
+    """The image in C."""
+    return Stub(PICO, SIMULATOR, IMAGE, tmp_path)
+
+
+def followed(stub: Stub, seconds: float, *options: object) -> Run:
+    """A hand moves it, while its origin and its filter change."""
+    words: list[object] = ["--motion", write_hand(stub.folder / "hand", seconds)]
+    words += [*CLICK, *stub.raw_too, *options]
+    changes = (("tare", 0, 3.5), ("tare", 1, 4.0), ("restart", 0, 5.0), ("tare", 2, 6))
+    for token, (command, argument, at_s) in enumerate(changes, start=8):
+        order = send(command, argument, token=token)
+        words += ["--send", f"{round(at_s * 1e6)}:{order}"]
+    return run(stub, seconds, *words)
+
+
+def assert_the_poses_are_the_hosts(done: Run, at_least: int) -> None:
+    both = zip(done.contents, done.messages, strict=True)
+    poses = [content for content, message in both if message.name == "pose"]
+    assert len(poses) > at_least
+    assert poses == list(replayed(done.contents))
+
+
+@pytest.mark.parametrize("wire", ["usb", "uart"])
+def test_its_poses_are_in_every_bit_those_of_the_host(pico: Stub, wire: str) -> None:
+    seconds = choose(everyday=9, long=600)
+    done = followed(pico, seconds, "--wire", wire)
+    assert_the_poses_are_the_hosts(done, 100 * (seconds - 2))
+    assert_nothing_is_lost(done)
+    assert done.summary["cycles_worst"] < 0.1 * PICO.clock_hz / PICO.rate_hz
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("wire", ["usb"])
+def test_micropythons_poses_are_those_of_the_host(pico: Stub, wire: str) -> None:
+    if not MICROPYTHON.exists():
+        leave_out("MicroPython for the Pico is not there")
+    stub = dataclasses.replace(pico, image=MICROPYTHON)
+    done = followed(stub, 60, "--wire", wire)
+    assert_the_poses_are_the_hosts(done, 5700)
+    hello = done.named("hello")[-1].fields
+    assert hello["board"] == "micropython"
+    # A board keeps its id when it changes its firmware.
+    (native, *_) = run(pico, 1).named("hello")
+    assert hello["probe_id"] == native.fields["probe_id"]
+
+
+def symbol(image: Path, name: str) -> int:
+    """Where a function of an image begins."""
+    shown = subprocess.run(
+        ["arm-none-eabi-nm", image], capture_output=True, text=True, check=True
+    )
+    found = [line.split() for line in shown.stdout.splitlines()]
+    (address,) = (line[0] for line in found if line[-1] == name)
+    return int(address, 16)
+
+
+def test_it_tells_who_it_is_and_what_feeds_it(pico: Stub) -> None:
+    done = run(pico, 2.5)
+    hello = done.named("hello")[-1].fields
+    assert (hello["board"], hello["sensor"]) == ("pico", "mpu9250")
+    assert hello["reset_cause"] == ("power_on",)
+    assert 4900 < done.last_status["supply"] < 5100
+    assert 1000 < done.last_status["stack_free"] < PICO.stack
+    other = run(pico, 1, "--seed", 7)
+    assert other.named("hello")[-1].fields["probe_id"] != hello["probe_id"]
+
+
+def test_settings_outlive_power_and_an_update(pico: Stub) -> None:
+    flash = pico.folder / "flash"
+    order = send("rate", 0, 37)
+    for boot in range(1, 4):
+        options = ("--send", f"700000:{order}") if boot == 1 else ()
+        done = run(pico, 2, "--eeprom", flash, *options)
+        hello = done.named("hello")[-1].fields
+        assert (hello["boot_count"], hello["pose_rate"]) == (boot, 37)
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"), [("reset", "external"), ("brown_out", "power_on")]
+)
+def test_a_reset_is_told_in_the_next_hello(pico: Stub, fault: str, cause: str) -> None:
+    done = run(pico, 3, faults=[{"kind": fault, "at_us": 1_500_000}])
+    assert done.summary["resets"] == 1
+    assert done.named("hello")[-1].fields["reset_cause"] == (cause,)
+
+
+def test_a_bad_instruction_is_told_with_its_address(pico: Stub) -> None:
+    # The first of flash_init(), which a start with a blank flash reaches.
+    address = symbol(pico.image, "board_supply_mv")
+    done = run(damaged(pico, address, UDF), 3)
+    hello = done.named("hello")[-1].fields
+    assert hello["reset_cause"] == ("hard_fault",)
+    assert hello["reset_address"] == address

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: MIT
+"""Raspberry Pi's SDK, TinyUSB, MicroPython and what its rp2 port needs beside: as
+Debian 13 has them, by version and hash, fetched once into the user's cache."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import debian
+
+SUITE = "trixie"
+PACKAGES = ("pico-sdk-source", "tinyusb-source")  # of all processors alike
+SOURCES = ("micropython", "mbedtls")
+FILES = {
+    "pico-sdk-source_2.1.1-1_all.deb": (
+        "507a3ca37636641bc90239d7c04dc9dc28c5008087a8162102ea94d2273153d3"
+    ),
+    "tinyusb-source_0.18.0+dfsg-1_all.deb": (
+        "01ce2c645df68f14a8a7dcfc8fb355713152543757955820479a87949a61154e"
+    ),
+    "micropython_1.25.0+ds.orig.tar.xz": (
+        "7b25be99a502f070b2de81dafc08da7051d992325d6e67daa9045a918fffdbea"
+    ),
+    "mbedtls_3.6.6.orig.tar.bz2": (
+        "8fb65fae8dcae5840f793c0a334860a411f884cc537ea290ce1c52bb64ca007a"
+    ),
+}
+FOLDER = "pico-2.1.1-1.25.0"
+# Where MicroPython's tree has them as submodules, and what they are here.
+LINKS = {
+    "lib/mbedtls": "mbedtls-3.6.6",
+    "lib/tinyusb": "usr/src/tinyusb",
+    "lib/pico-sdk": "usr/src/pico-sdk",
+}
+
+
+class PicoSources:
+    """The folders of all of it; NotInstalled if it can't be had on this machine."""
+
+    def __init__(self) -> None:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        self._folder = base / "imu-probe" / FOLDER
+        self._folder.parent.mkdir(parents=True, exist_ok=True)
+        with self._folder.with_name(f"{FOLDER}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not (self._folder / "whole").exists():
+                shutil.rmtree(self._folder, ignore_errors=True)
+                self._folder.mkdir()
+                self._fetch()
+                (self._folder / "whole").touch()
+        self.sdk = self._folder / "usr" / "src" / "pico-sdk"
+        self.tinyusb = self._folder / "usr" / "src" / "tinyusb"
+        self.micropython = self._folder / "micropython-1.25.0"
+
+    def _fetch(self) -> None:
+        room = self._folder / "packages"
+        room.mkdir()
+        quiet = debian.apt_get(room / "deb", SUITE)
+        debian.output(*quiet, "download", *PACKAGES, cwd=room)
+        quiet = debian.apt_get(room / "src", SUITE, "deb-src")
+        debian.output(*quiet, "source", "--download-only", *SOURCES, cwd=room)
+        for name, digest in FILES.items():
+            self._unpack(room / name, digest)
+        shutil.rmtree(room)
+        for link, folder in LINKS.items():
+            path = self._folder / "micropython-1.25.0" / link
+            path.rmdir()  # an empty one, as Debian leaves it
+            path.symlink_to(self._folder / folder)
+
+    def _unpack(self, file: Path, digest: str) -> None:
+        if not file.exists():
+            raise debian.NotInstalled(f"Debian 13 has another version than {file.name}")
+        if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
+            raise debian.NotInstalled(f"{file.name} is not the file of that hash")
+        words = ["tar", "-xf", str(file), "-C", str(self._folder)]
+        if file.suffix == ".deb":
+            words = ["dpkg-deb", "-x", str(file), str(self._folder)]
+        done = subprocess.run(words, check=False)
+        if done.returncode:
+            raise debian.NotInstalled(f"{file.name} can't be unpacked")
