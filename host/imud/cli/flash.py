@@ -13,7 +13,7 @@ from imud.commands import FILTERS
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
 
-BOARDS = ("nano", "f405")
+BOARDS = ("nano", "f405", "pico")
 
 
 def add(commands: Commands) -> None:
@@ -41,8 +41,8 @@ def add(commands: Commands) -> None:
         "--image",
         metavar="FILE",
         type=Path,
-        help="Intel HEX file (default: the one of imu-probe-firmware, or of this "
-        "checkout)",
+        help="Intel HEX file, or UF2 for a Pico (default: the one of "
+        "imu-probe-firmware, or of this checkout)",
     )
     flash.add_argument(
         "--filter",

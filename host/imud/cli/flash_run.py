@@ -20,7 +20,7 @@ from imud.cli.flash_desk import FlashBar, FlashDesk
 from imud.cli.reached import NoProbeHere, Reached
 from imud.commands import LENT_MAX_S
 from imud.errors import CommandRefused, FlashError, ImudError, LinkError, ProbeUnknown
-from imud.flash import OnProgress, f405, firmware, nano
+from imud.flash import OnProgress, f405, firmware, nano, pico
 from imud.flash.errors import HalfWritten
 from imud.flash.firmware import ALL_FILTERS, BOARDS, Image
 from imud.ports.holders import holders_of
@@ -61,8 +61,9 @@ def _run_for_page(args: argparse.Namespace) -> int:
 
 def _found(args: argparse.Namespace, stack: contextlib.ExitStack) -> Reached | None:
     """The probe that is meant; None if the board has no firmware of ours that runs."""
-    if args.port is None and args.board is not None and args.by == "dfu":
-        return None  # a board on USB alone, which is no port
+    is_on_usb = args.by == "dfu" or args.board == "pico"
+    if args.port is None and args.board is not None and is_on_usb:
+        return None  # a board in its boot loader, which is no port
     is_known = args.board is not None
     try:
         return reached.probe(args, args.port, COMMAND, stack, also_gone=is_known)
@@ -79,7 +80,8 @@ def _found(args: argparse.Namespace, stack: contextlib.ExitStack) -> Reached | N
 def _flash_unknown(args: argparse.Namespace) -> int:
     """A board that says nothing: what it is was told."""
     write = _writer(args, args.board)
-    port = USB if write is _by_dfu else args.port or only_port(COMMAND)
+    is_usb = write is _by_dfu or (write is _by_drive and args.port is None)
+    port = USB if is_usb else args.port or only_port(COMMAND)
     image = _chosen(args, args.board, {})
     _say(f"{port}: {BOARDS[args.board]}, as you say; no firmware of ours answers")
     _say_image(image)
@@ -87,7 +89,7 @@ def _flash_unknown(args: argparse.Namespace) -> int:
         _say("nothing was written")
         return 0
     _write(write, args.board, port, image, None)
-    if write is not _by_nano:
+    if write in BY_HAND or port == USB:
         _say("see imud list once it is wired as it is used")
         return 0
     with contextlib.ExitStack() as stack:
@@ -119,7 +121,7 @@ def _flash_probe(
     flash_params.keep(desk, status, is_forced=args.force)
     with _lent(desk, name) as port:
         _write(write, kind, port, image, desk)
-    if write is not _by_nano:
+    if write in BY_HAND:
         _say("wire it as it is used (docs/f405.md), take BOOT0 off, and press RST")
     now = _back(desk, name, image)
     _say(f"firmware {hello['firmware']} -> {now['hello']['firmware']}")
@@ -137,9 +139,9 @@ def _chosen(args: argparse.Namespace, kind: str, hello: dict[str, Any]) -> Image
         if args.filter is not None:
             raise FlashError("--filter chooses an image: leave it or --image out")
     else:
-        if kind == "f405" and args.filter is not None:
+        if kind in ("f405", "pico") and args.filter is not None:
             raise FlashError(
-                "an F405 has all filters; choose one with imud restart --filter "
+                "this board has all filters; choose one with imud restart --filter "
                 f"{args.filter}"
             )
         path = firmware.ready_made(kind, args.filter or hello.get("filter") or "fuse")
@@ -221,6 +223,8 @@ def _write(
     again = f"{COMMAND} {port} --board {kind}"
     if write is _by_dfu:
         again = f"{COMMAND} --board {kind} --by dfu"
+    if write is _by_drive:
+        again = f"{COMMAND} --board {kind}"
     for tries_left in reversed(range(TRIES)):
         bar = flash_desk.bar_for(desk)
 
@@ -248,7 +252,7 @@ def _write(
             raise
         finally:
             bar.end()
-        _say(f"{what} and read back in {time.monotonic() - began_s:.0f} s")
+        _say(f"{what} in {time.monotonic() - began_s:.0f} s")
         return
 
 
@@ -264,7 +268,7 @@ def _back(desk: FlashDesk, name: str, image: Image) -> dict[str, Any]:
                 return status
         time.sleep(TICK_S)
     raise FlashError(
-        f"{name} was written and read back, but does not answer after {BACK_S:g} s; "
+        f"{name} was written, but does not answer after {BACK_S:g} s; "
         "unplug it, plug it in, and see imud list"
     )
 
@@ -276,8 +280,10 @@ def _writer(args: argparse.Namespace, kind: str) -> Write:
     if kind == "f405":
         is_dfu = args.by == "dfu" or (args.by is None and shutil.which("dfu-util"))
         return _by_dfu if is_dfu else _by_rom
-    if kind == "nano":
-        raise FlashError("--by is for an F405; a Nano has one bootloader: leave it out")
+    if kind == "pico" and args.by is None:
+        return _by_drive
+    if kind in ("nano", "pico"):
+        raise FlashError("--by is for an F405; this board has one way: leave it out")
     raise FlashError(
         f"this is {BOARDS.get(kind, kind)}, which is not flashed by imud: "
         "docs/micropython.md says how"
@@ -285,7 +291,7 @@ def _writer(args: argparse.Namespace, kind: str) -> Write:
 
 
 def _by_nano(port: str, image: Image, on_progress: OnProgress) -> str:
-    return f"{nano.flash(port, image.code, on_progress)} pages written"
+    return f"{nano.flash(port, image.code, on_progress)} pages written and read back"
 
 
 def _by_rom(port: str, image: Image, on_progress: OnProgress) -> str:
@@ -294,7 +300,7 @@ def _by_rom(port: str, image: Image, on_progress: OnProgress) -> str:
         f"{f405.SYNC_S:g} s for the bootloader"
     )
     written = f405.flash(port, image.binary(), on_progress, sync_s=f405.SYNC_S)
-    return f"{written:,} bytes written"
+    return f"{written:,} bytes written and read back"
 
 
 def _by_dfu(_: str, image: Image, on_progress: OnProgress) -> str:
@@ -304,7 +310,21 @@ def _by_dfu(_: str, image: Image, on_progress: OnProgress) -> str:
     )
     written = f405.write_by_dfu_util(image.binary())
     on_progress(1, 1)
-    return f"{written:,} bytes written"
+    return f"{written:,} bytes written and read back"
+
+
+def _by_drive(port: str, image: Image, on_progress: OnProgress) -> str:
+    if port == USB:
+        _say(
+            f"hold BOOTSEL and plug the board in; waiting {pico.DRIVE_S:g} s for its "
+            f"drive {pico.LABEL}"
+        )
+    raw = image.path.read_bytes()
+    written = pico.flash(None if port == USB else port, raw, on_progress)
+    return f"{written:,} bytes copied"
+
+
+BY_HAND = (_by_rom, _by_dfu)  # the board was wired for it
 
 
 def _say(text: str) -> None:

@@ -20,6 +20,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
 from imud import checkout, packaged
 from imud.errors import FlashError
+from imud.flash import uf2
 
 MANIFEST = "manifest.json"
 SIGNATURE = "manifest.json.sig"  # Ed25519, in hexadecimal digits
@@ -30,12 +31,15 @@ SIZE_MAX = 4_000_000  # bytes of a file: 1 MB of flash as text
 BOARDS = {
     "nano": "an Arduino Nano",
     "f405": "an STM32F405",
+    "pico": "a Raspberry Pi Pico",
     "micropython": "a board with MicroPython",
 }
 
-# Where the image of an ATmega328P and of an STM32F405 begins, and the bytes that it may
-# have: the last 256 KB of the latter are its settings (firmware/stm32/stm32f405.ld).
+# Where the images of an ATmega328P, an RP2040 and an STM32F405 begin, and the bytes
+# that they may have: the end of flash is settings (firmware/rp2040/flash.c: 64 KB of
+# it, firmware/stm32/stm32f405.ld: 256 KB).
 NANO_MAX = 0x7E00
+PICO_AT, PICO_MAX = 0x1000_0000, (2 << 20) - (64 << 10)
 F405_AT, F405_MAX = 0x0800_0000, 768 * 1024
 _F405_RAM = (range(0x2000_0000, 0x2002_0001), range(0x1000_0000, 0x1001_0001))
 
@@ -83,6 +87,8 @@ class Image:
             is_code = low < start <= high and start % 2 == 1
             if is_code and any(stack in each for each in _F405_RAM):
                 return "f405"
+        elif low == PICO_AT and high < PICO_AT + PICO_MAX:
+            return "pico"  # the file has said so, too: UF2 names the chip
         return None
 
     def binary(self) -> bytes:
@@ -98,8 +104,8 @@ class Image:
 
 
 def read(path: Path) -> Image:
-    """An image of a file in Intel HEX, checked against the manifest beside it, if there
-    is one. FlashError with what is wrong.
+    """An image of a file in Intel HEX or UF2, checked against the manifest beside it,
+    if there is one. FlashError with what is wrong.
     """
     about = next(
         (each for each in _listed(path.parent) if each.file == path.name), None
@@ -129,6 +135,8 @@ def read(path: Path) -> Image:
 
 def _decoded(path: Path, raw: bytes) -> dict[int, int]:
     hint = "give the .hex file of the build"
+    if raw[:4] == uf2.MARK:
+        return uf2.decoded(path, raw)
     if raw[:1] != b":":
         raise FlashError(f"{path} is no Intel HEX file; {hint}")
     try:
@@ -175,6 +183,7 @@ def offered() -> tuple[Firmware, ...]:
     """
     if checkout.is_checkout():
         built = sorted((checkout.ROOT / ".pio" / "build").glob(f"*/{MANIFEST}"))
+        built += [checkout.ROOT / "build" / "pico" / MANIFEST]
         return tuple(each for path in built for each in _listed(path.parent))
     folder = packaged.folder_of(packaged.FIRMWARE)
     if folder is None:
@@ -184,6 +193,12 @@ def offered() -> tuple[Firmware, ...]:
 
 
 def _built(board: str, wanted: str) -> Path:
+    if board == "pico":
+        path = checkout.ROOT / "build" / "pico" / "pico.uf2"
+        if not path.exists():
+            raise FlashError(f"{path} is not built: make firmware BOARD=pico")
+        checkout.refresh_image(path.with_suffix(".elf"))
+        return path
     environment = "stm32f405" if board == "f405" else "nano"
     if board == "nano" and wanted != "fuse":
         environment += f"_{wanted}"
