@@ -44,7 +44,17 @@ CORE_TESTS = ("tests/core", "tests/protocol")
 # Of rooms of the host whose tests are not in tests/host/ROOM alone.
 HOST_TESTS = {
     "log": ("tests/host/log", "tests/host/recordings"),
-    "web": ("tests/web/test_server.py", "tests/web/test_browsers.py"),
+    "web": tuple(
+        f"tests/web/test_{name}.py"
+        for name in (
+            "server",
+            "browsers",
+            "serving",
+            "calibrating",
+            "playing",
+            "stream",
+        )
+    ),
     "ports": ("tests/host/ports", "tests/host/cli/test_ports.py"),
     "params": ("tests/host/params", "tests/host/cli/test_params.py"),
 }

@@ -168,6 +168,17 @@ def test_what_is_no_request_is_refused(served: Served, data: bytes) -> None:
     assert served.get("/").status == 200
 
 
+def test_a_connection_that_never_spoke_is_no_refusal(served: Served) -> None:
+    # A browser may open one in advance.
+    host, _, port = served.host.partition(":")
+    address = host, int(port)
+    socket.create_connection(address).close()
+    with socket.create_connection(address) as other:
+        other.sendall(b"\x00 no request\r\n\r\n")
+        served.until_refused("unreadable")
+    assert dict(served.page.refused) == {"unreadable": 1}
+
+
 @pytest.mark.long
 def test_very_many_connections_are_cut_off_at_the_limit(served: Served) -> None:
     count = length.choose(everyday=2 * gate.CONNECTIONS_MAX, long=1000)

@@ -6,6 +6,7 @@ that people read. The schema says what there is.
 from __future__ import annotations
 
 import datetime
+import itertools
 import math
 import struct
 from collections.abc import Iterator, Mapping
@@ -40,7 +41,6 @@ SUFFIXES = {
 }
 
 # Decimals that tell all steps of any part apart.
-DECIMALS_MAX = 17
 
 
 class Part:
@@ -93,11 +93,9 @@ class Part:
     def _decimal(self, number: int) -> str:
         if self.is_whole:
             return str(number)
-        for places in range(1, DECIMALS_MAX):
-            text = f"{number / self._steps:.{places}f}"
-            if round(float(text) * self._steps) == number:
-                return text.replace("-0.0", "0.0") if number == 0 else text
-        return repr(number / self._steps)
+        texts = (f"{number / self._steps:.{places}f}" for places in itertools.count(1))
+        text = next(t for t in texts if round(float(t) * self._steps) == number)
+        return text.replace("-0.0", "0.0") if number == 0 else text
 
     def wire(self, plain: object) -> Wire:
         """The numbers on the wire that are nearest to a value; ValueError if it can't

@@ -130,6 +130,8 @@ def test_a_tip_and_options() -> None:
         ("acc", {"bias_counts": [1, 2]}, "acc: bias_counts needs 3 numbers"),
         ("acc", {"bias_counts": [0, 0, 1e9]}, "bias_counts 1000000000.0 is not from"),
         ("acc", {"bias_counts": [0, 0, float("nan")]}, "bias_counts is not numbers"),
+        ("acc", {"bias_counts": [0, 0, -1e12]}, "bias_counts is not numbers"),
+        ("acc", {"bias_counts": [0, 0, 1e12]}, "bias_counts is not numbers"),
         ("tip", {"offset_m": "far"}, "tip: offset_m is not numbers"),
         ("tip", {"day": "today"}, "tip: day is not a date, such as 2026-11-22"),
         ("tip", {"day": datetime.date(1999, 12, 31)}, "1999-12-31 is not from 2000-01"),
