@@ -18,6 +18,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from benchmarks.common.images import simulated
 from benchmarks.common.load import free_endpoint
 from benchmarks.page.walking_leg import walking
+from imud.client import Client
 
 # Without a sandbox of its own, as root; drawn by the processor.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
@@ -34,9 +35,9 @@ WITH_CARD = """(frameMs) => {
     return name === this.RENDERER ? "a card" : get.call(this, name);
   };
 }"""
-# The virtual boards: how each is held, and its name by its id.
-BOARDS = {"nano": ("--module", "shop", "--hand", "calibrate"), "f405": ()}
-NAMES = {"11bef7fdb5481413": "module", "c65c26226523f231": "stylus"}
+# The virtual boards: how each is held, and its name.
+BOARDS = {"nano": ("--module", "shop", "--hand", "follow"), "f405": ()}
+NAMES = {"nano": "module", "f405": "stylus"}
 # Rest at the start, until both boards have calibrated their gyroscopes.
 REST_S = 8.0
 
@@ -61,14 +62,12 @@ def served() -> Iterator[str]:
 
         config = folder / "imud.toml"
         ports = [folder / board for board in BOARDS]
+        page = free_endpoint().removeprefix("tcp/")
         for (board, held), port in zip(BOARDS.items(), ports, strict=True):
-            start(*simulated(board), *held, "--stream", "--link", str(port))
-        names = "".join(
-            f'[probes.{probe_id}]\nname = "{name}"\n'
-            for probe_id, name in NAMES.items()
-        )
+            words = (*held, "--page", f"http://{page}", "--stream", "--link", str(port))
+            start(*simulated(board), *words)
         config.write_text(
-            f'{names}[web]\nlisten = "127.0.0.1:0"\n'
+            f'[web]\nlisten = "{page}"\n'
             f"[ports]\nnamed = {[str(port) for port in ports]}\n"
         )
         wait_for(lambda: all(port.exists() for port in ports))
@@ -79,9 +78,19 @@ def served() -> Iterator[str]:
         )
         time.sleep(REST_S)
         wait_for(lambda: "page is at" in log.read_text())
+        name_probes(endpoint)
         stack.enter_context(walking(endpoint))
         lines = log.read_text().splitlines()
         yield next(line for line in lines if "page is at" in line).rpartition(" ")[2]
+
+
+def name_probes(endpoint: str) -> None:
+    """Gives each probe the name of its board: a Nano's id is another in each image."""
+    with Client(endpoint) as client:
+        wait_for(lambda: len(client.statuses()) == len(NAMES))
+        for status in client.statuses():
+            name = NAMES[status["hello"]["board"]]
+            client.command(status["probe"], "configure", rename=name)
 
 
 @contextlib.contextmanager

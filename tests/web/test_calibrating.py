@@ -249,6 +249,31 @@ def test_one_that_was_told_its_end_may_begin_anew_at_once(
         assert asked == [*set_up, "stop", "fields", "rate", *set_up]
 
 
+def test_a_probe_that_has_just_come_is_waited_for(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+    status = {"type": "status", "probe": PROBE, "hello": HELLO}
+    params = {"type": "params", "probe": PROBE, "digest": "0", "bytes": ""}
+    served.page.publish([((PROBE, "status"), json.dumps(status).encode())])
+    with served.live() as browser:
+        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
+        calibration(browser, "preparing")
+        assert served.asked.all == []
+        served.page.publish([((PROBE, "params"), json.dumps(params).encode())])
+        served.page.flush()
+        until(lambda: len(served.asked.all) == 3)
+
+
+def test_a_probe_that_never_tells_its_params_is_refused(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guide, "KNOWN_S", 0.1)
+    with served.live() as browser:
+        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
+        assert "has not told its params" in calibration(browser, "refused")["why"]
+
+
 @pytest.mark.parametrize(
     ("about", "why"),
     [

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
@@ -21,6 +22,7 @@ from imud.web import processes
 from imud.web.calibrator import End, Task
 from imud.web.feed import CALIBRATION, Feed, Key
 
+KNOWN_S = 5.0  # a probe tells its params within this time
 HEARD_S = 1.0  # a probe that sends raw samples is heard within this time
 SILENT_S = 5.0
 TICK_S = 0.25
@@ -99,6 +101,7 @@ class CalibrationGuide:
                 await self._before._wait()
                 self._before = None
                 self._early.clear()
+            await self._until_known()
             task = self._make_task()
             await self._set_up()
             await self._follow(task)
@@ -111,12 +114,22 @@ class CalibrationGuide:
                 with contextlib.suppress(GuideError):  # it may be gone
                     await self._ask(self._probe, command, parameters)
 
+    async def _until_known(self) -> None:
+        """Waits for what a probe tells right after it was plugged in."""
+        until_s = time.monotonic() + KNOWN_S
+        while not self._is_known() and time.monotonic() < until_s:
+            await asyncio.sleep(TICK_S)
+
+    def _is_known(self) -> bool:
+        hello = self._known("status").get("hello")
+        return bool(hello) and self._known("params").get("bytes") is not None
+
     def _make_task(self) -> Task:
         status, params = self._known("status"), self._known("params")
         hello = status.get("hello") or {}
         if hello and (why := out_of_work(status)):
             raise GuideError(why)
-        if not hello or params.get("bytes") is None:
+        if not self._is_known():
             raise GuideError("the probe has not told its params yet; try again")
         rate_hz = hello["sample_rate"]
         scale = Scale(hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], rate_hz)

@@ -84,7 +84,7 @@ export class MountPicture {
         "svg",
         { viewBox: "0 0 140 112", width: 140, height: 112, role: "img", "aria-label": mount.words },
         draw("polygon", { points: base, class: "housing" }),
-        draw("text", { x: frontX - 4, y: frontY, class: "muted" }, "front"),
+        draw("text", { x: frontX - 12, y: frontY - 12, class: "muted" }, "front"),
         ...arrow("x", mount.x),
         ...arrow("y", mount.y),
       ),
