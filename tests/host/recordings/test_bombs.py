@@ -64,7 +64,7 @@ CASES: list[tuple[Callable[[Path], Iterator[Path]], list[str]]] = [
 ]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize(
     ("make", "words"), CASES, ids=["-".join([m.__name__, *w]) for m, w in CASES]
 )
