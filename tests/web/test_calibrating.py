@@ -249,6 +249,32 @@ def test_one_that_was_told_its_end_may_begin_anew_at_once(
         assert asked == [*set_up, "stop", "fields", "rate", *set_up]
 
 
+def test_a_probe_that_is_renamed_meanwhile_is_left_as_it_was(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+    monkeypatch.setattr(guide, "SILENT_S", 0.5)
+    about = {"probe_id": "11bef7fdb5481413", "t_ns": 1}
+    with known(served, **about) as browser:
+        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
+        until(lambda: len(served.asked.all) == 3)
+        sending = Sending(served)
+        sending.start()
+        calibration(browser, "running")
+        status = (
+            {"type": "status", "probe": "pen", "hello": HELLO} | about | {"t_ns": 2}
+        )
+        served.page.publish([(("pen", "status"), json.dumps(status).encode())])
+        sending.stop()
+        record = calibration(browser, "refused")
+        assert record["probe"] == "pen"
+        assert record["why"] == "the probe is called pen now; begin again"
+        until(lambda: len(served.asked.all) == 6)
+        assert [(name, command) for name, command, _ in served.asked.all[3:]] == [
+            *(("pen", "stop"), ("pen", "fields"), ("pen", "rate"))
+        ]
+
+
 def test_a_probe_that_has_just_come_is_waited_for(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:

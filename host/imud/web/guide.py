@@ -107,8 +107,10 @@ class CalibrationGuide:
             await self._follow(task)
         except GuideError as error:
             self.is_told = True
+            self._probe = self._name_now()
             self._say(phase="refused", why=str(error))
         finally:
+            self._probe = self._name_now()
             await processes.end(self._process)
             for command, parameters in reversed(self._undo):
                 with contextlib.suppress(GuideError):  # it may be gone
@@ -141,6 +143,22 @@ class CalibrationGuide:
         return Task(
             self._probe, self._kind, scale, has_mag, params["bytes"], digest, earth
         )
+
+    def _name_now(self) -> str:
+        """What the probe is called now: somebody may have renamed it."""
+        last = self._feed.last().items()
+        all_now = {
+            name: msgspec.json.decode(payloads[0])
+            for (name, topic), payloads in last
+            if topic == "status"
+        }
+        probe_id = all_now.get(self._probe, {}).get("probe_id")
+        same = [
+            name for name, each in all_now.items() if each.get("probe_id") == probe_id
+        ]
+        if probe_id is None:
+            return self._probe
+        return max(same, key=lambda name: int(all_now[name].get("t_ns") or 0))
 
     def _known(self, topic: str) -> dict[str, Any]:
         payload = self._feed.known((self._probe, topic))
@@ -198,9 +216,10 @@ class CalibrationGuide:
                 await asyncio.wait_for(self._heard.wait(), SILENT_S)
             except TimeoutError:
                 processes.kill(process)
-                raise GuideError(
-                    "the probe sends no raw samples any more; is it unplugged?"
-                ) from None
+                why = "the probe sends no raw samples any more; is it unplugged?"
+                if (name := self._name_now()) != self._probe:
+                    why = f"the probe is called {name} now; begin again"
+                raise GuideError(why) from None
             await asyncio.sleep(TICK_S)
             waiting = process.stdin.transport.get_write_buffer_size()  # type: ignore[union-attr]
             if waiting > WAITING_MAX:
