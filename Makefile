@@ -61,7 +61,7 @@ bits: ## ten minutes of recordings have the same poses on every processor
 coverage: ## fails where a line of firmware/core is run by none of its tests
 	@$(PYTHON) tools/setup.py coverage
 	@rm -rf build/native
-	@IMU_COVERAGE=1 IMU_SAMPLE=1 python -m pytest -q -n $(cores) --dist loadfile -m native \
+	@IMU_COVERAGE=1 python -m pytest -q -n $(cores) --dist loadfile -m native \
 	  tests/core tests/protocol
 	@gcovr --merge-lines --fail-under-line 100 --filter firmware/core/ build/native
 
