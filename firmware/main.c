@@ -27,7 +27,7 @@ static void describe(struct message_hello *out) {
 static void measure(struct message_status *out) {
     const uint16_t supply_mv = board_supply_mv();
     out->supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL;
-    out->samples_ready = board_samples_ready();
+    out->samples_ready = board_samples_ready() + acquisition_polled_edges(&acquisition);
     out->stack_free = board_stack_free();
     out->receive_lost = board_receive_lost();
 }
@@ -48,6 +48,9 @@ static const IN_FLASH struct acquisition_port acquisition_port = {
     .start_sampling = board_sampling_start,
     .stop_sampling = board_sampling_stop,
     .take_reading = board_reading_take,
+#ifndef ACQUISITION_WIRED_ONLY
+    .time_us = board_time_us,
+#endif
 };
 
 int main(void) {
@@ -85,7 +88,7 @@ int main(void) {
         }
         if (acquisition.phase == ACQUISITION_SETUP) {
             board_pause();  // it waits for no interrupt
-        } else {
+        } else if (!acquisition_is_due(&acquisition, board_time_us())) {
             board_idle();
         }
     }

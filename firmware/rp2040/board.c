@@ -109,7 +109,6 @@ uint16_t board_stack_free(void) {
 
 // Until an interrupt brings work; the tick of 1 ms does, so that USB is moved on.
 void board_idle(void) {
-    wire_step();
     while (!idle_has_work) {
         const uint32_t mask = save_and_disable_interrupts();
         if (!idle_has_work) {

@@ -135,11 +135,6 @@ void wire_init(void) {
     (void)tusb_init();
 }
 
-void wire_step(void) {
-    tud_task();
-    (void)tud_cdc_write_flush();
-}
-
 bool board_send(const uint8_t *bytes, uint8_t length) {
     return tud_cdc_connected() ? usb_send(bytes, length) : uart_send(bytes, length);
 }
@@ -148,8 +143,11 @@ bool board_send_is_idle(void) {
     return (!tud_cdc_connected() || usb_is_idle()) && uart_is_idle();
 }
 
+// Each turn of the main loop asks for bytes, which moves USB on.
 int16_t board_receive(void) {
     uint8_t byte;
+    tud_task();
+    (void)tud_cdc_write_flush();
     if (tud_cdc_read(&byte, 1) == 1) {
         return byte;
     }

@@ -5,7 +5,4 @@
 
 void wire_init(void);
 
-// Moves USB on; for each turn of the main loop.
-void wire_step(void);
-
 #endif

@@ -123,7 +123,10 @@ export class Machine {
     i2c.onConnect = (address, isRead) =>
       later(9, () => i2c.completeConnect(lib.start(this.now(), address & 0x7f, isRead === 1)));
     i2c.onWriteByte = (byte) => later(9, () => i2c.completeWrite(lib.put(this.now(), byte)));
-    i2c.onReadByte = (isAcked) => later(9, () => i2c.completeRead(lib.get(this.now(), isAcked)));
+    i2c.onReadByte = (isAcked) => {
+      const byte = lib.get(this.now(), isAcked); // a chip has it when its first bit is due
+      later(9, () => i2c.completeRead(byte));
+    };
     i2c.onStop = () =>
       later(0.5, () => {
         lib.stop(this.now());

@@ -38,9 +38,9 @@ struct pico {
     struct mpu9250_chip *sensor;
     struct run *run;
     struct line line;
-    const char *wire, *rom;
+    const char *wire, *ready, *rom;
     uint64_t now_ns, pause_ns, free_ns;  // free: when the line may start its next byte
-    bool is_ready_high;
+    bool is_ready_high, has_ready_wire;
     uint64_t resets, writes, overruns, asleep_ns;
     uint32_t flash_bytes, stack;
     char complaint[120];
@@ -51,10 +51,11 @@ static struct pico the_pico;
 static struct run the_run;
 
 static const char usage_text[] =
-    "usage: pico" RUN_OPTIONS "            [--wire usb|uart]\n"
+    "usage: pico" RUN_OPTIONS "            [--wire usb|uart] [--ready wire|none]\n"
     "       pico --version\n"
     "--eeprom is what survives power: all of flash, over which the image is put\n"
-    "--wire is which of its two ports the host has: usb, unless told otherwise\n";
+    "--wire is which of its two ports the host has: usb, unless told otherwise\n"
+    "--ready is whether data-ready has a wire: it has, unless told otherwise\n";
 
 #define EXPORT __attribute__((visibility("default")))
 
@@ -158,7 +159,7 @@ EXPORT bool pico_advance(double ns) {
         pico->free_ns = now + BYTE_NS;
         pico->machine.receive(line_take(&pico->line));
     }
-    return is_high;
+    return is_high && pico->has_ready_wire;
 }
 
 static uint64_t least(uint64_t a, uint64_t b) {
@@ -235,6 +236,7 @@ static int power_up(void *self, struct run *run) {
     struct pico *pico = self;
     pico->run = run;
     pico->pause_ns = RUN_NEVER;
+    pico->has_ready_wire = pico->ready == NULL || strcmp(pico->ready, "wire") == 0;
     struct mpu9250_chip_config config = mpu9250_chip_defaults();
     if (run->options.motion != NULL) {
         config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
@@ -337,6 +339,7 @@ static void report(void *self, struct run_report *out) {
 
 static const struct run_path own_paths[] = {
     {"--wire", &the_pico.wire},
+    {"--ready", &the_pico.ready},
     {"--rom", &the_pico.rom},
     {NULL, NULL},
 };

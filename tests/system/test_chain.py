@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import reference
+from demanded import BUILT
 from fakes import PATIENCE_S, SOON_S, DaemonProcess, Port
 from imud import _core
 from imud.client import Client
@@ -26,7 +27,7 @@ from imud.wire.messages import Message
 from imud.wire.messages import decode as decode_content
 from length import choose
 from system.live import LiveProbe, hear, take
-from system.virtual import ALL_BOARDS, Stub, run
+from system.virtual import Stub, run
 
 pytestmark = pytest.mark.sampled(2)
 
@@ -104,7 +105,7 @@ def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
     port.vanish()
 
 
-@pytest.mark.parametrize("stub", ALL_BOARDS, indirect=True)
+@pytest.mark.parametrize("stub", BUILT, indirect=True)
 def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None:
     probe = LiveProbe(stub, "--press", "1500000:1700000")
     with DaemonProcess(probe.port, directory=stub.folder) as daemon:

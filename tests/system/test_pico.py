@@ -9,6 +9,7 @@ import dataclasses
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bits.processors import replayed
@@ -68,6 +69,26 @@ def test_its_poses_are_in_every_bit_those_of_the_host(pico: Stub, wire: str) -> 
     assert_the_poses_are_the_hosts(done, 100 * (seconds - 2))
     assert_nothing_is_lost(done)
     assert done.summary["cycles_worst"] < 0.1 * PICO.clock_hz / PICO.rate_hz
+
+
+def test_without_a_data_ready_wire_it_asks_and_its_times_are_those_of_the_edges(
+    pico: Stub,
+) -> None:
+    seconds = choose(everyday=9, long=60)
+    wired = followed(pico, seconds)
+    done = followed(pico, seconds, "--ready", "none")
+    assert_the_poses_are_the_hosts(done, 100 * (seconds - 2))
+    assert ("data_ready_polled", "no_data_ready") in done.events
+    # The sensor's clock is the same in both: its edges are 5 ms apart.
+    phase = np.median([raw.time_us % 5000 for raw in wired.named("raw")])
+    times = np.array([raw.time_us for raw in done.named("raw")])
+    errors = (times - phase + 2500) % 5000 - 2500
+    assert np.percentile(np.abs(errors), 99) < 100
+    assert np.all(np.diff(times) < 5300)
+    # The first edge, of which nobody knows when it came, is counted.
+    assert done.last_status["overruns"] == 1
+    assert done.summary["late"] == 0
+    assert done.account["lost"] == 0
 
 
 @pytest.mark.nightly

@@ -51,12 +51,16 @@ bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
 enum sensor_result mpu9250_check(void *state,
                                  const IN_FLASH struct bus_device *bus) MUST_CHECK;
 
+#ifndef ACQUISITION_WIRED_ONLY
+extern const struct sensor_ready mpu9250_ready;
+#endif
+
 // Initialiser of a struct sensor_driver over `chip`, a struct mpu9250.
 #define MPU9250_DRIVER(chip)                                                           \
     {                                                                                  \
         .begin = mpu9250_begin, .setup = mpu9250_setup, .parse = mpu9250_parse,        \
         .check = mpu9250_check, .state = (chip), .identity = &(chip)->identity,        \
-        .bursts = (chip)->bursts, .bursts_count = 1,                                   \
+        .bursts = (chip)->bursts, .bursts_count = 1, SENSOR_READY(&mpu9250_ready)      \
     }
 
 #endif

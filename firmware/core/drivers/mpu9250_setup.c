@@ -403,6 +403,12 @@ static enum sensor_result do_row(struct mpu9250 *chip,
     return write(bus, MPU9250_ADDRESS, what, value);
 }
 
+#ifndef ACQUISITION_WIRED_ONLY
+// RM 58: reading it clears it.
+const struct sensor_ready mpu9250_ready = {MPU9250_ADDRESS, REG_INT_STATUS,
+                                           RAW_DATA_RDY};
+#endif
+
 void mpu9250_begin(void *state) {
     struct mpu9250 *chip = state;
     const uint8_t self_test = chip->identity.self_test;

@@ -49,6 +49,13 @@ struct sensor_identity {
 
 enum { SENSOR_BURSTS_MAX = 3 };
 
+// Where a chip says that there is a sample: these bits of a register, until it is read.
+struct sensor_ready {
+    uint8_t address;
+    uint8_t reg;
+    uint8_t mask;
+};
+
 // A driver keeps its own state struct and gives these functions over it.
 struct sensor_driver {
     // Starts set-up over from the reset of the chip.
@@ -73,6 +80,16 @@ struct sensor_driver {
     const struct sensor_identity *identity;
     const struct bus_burst *bursts;
     uint8_t bursts_count;
+#ifndef ACQUISITION_WIRED_ONLY
+    // For a board without a data-ready wire; null: the chip has no such driver yet.
+    const struct sensor_ready *ready;
+#endif
 };
+
+#ifdef ACQUISITION_WIRED_ONLY
+#define SENSOR_READY(at)
+#else
+#define SENSOR_READY(at) .ready = (at),
+#endif
 
 #endif

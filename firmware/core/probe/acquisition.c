@@ -2,6 +2,8 @@
 // Set-up, samples and recovery of the sensor; see acquisition.h.
 #include "core/probe/acquisition.h"
 
+#include <stddef.h>
+
 enum {
     SILENCE_US = 50000,     // without data-ready: ten samples of the slowest sensor
     RETRY_US = 200000,      // between two attempts to bring the sensor up
@@ -47,9 +49,14 @@ static const IN_FLASH uint8_t causes[] = {
 };
 
 // Not inline: two copies would take more of the AVR's flash.
-__attribute__((noinline)) static void
-start_sampling(const struct acquisition *acquisition) {
+__attribute__((noinline)) static void start_sampling(struct acquisition *acquisition) {
     const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
+#ifndef ACQUISITION_WIRED_ONLY
+    if (acquisition->is_polled) {
+        polled_begin(&acquisition->polled, sensor->identity->rate_hz);
+        return;
+    }
+#endif
     acquisition->port->start_sampling(sensor->bursts, sensor->bursts_count);
 }
 
@@ -82,12 +89,82 @@ static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
     return (enum outcome)result;
 }
 
+#ifndef ACQUISITION_WIRED_ONLY
+// Asks the sensor, and reads its sample; as take_reading() of a board with the wire.
+static enum reading_result ask(struct acquisition *acquisition, struct reading *out) {
+    const struct acquisition_port *port = acquisition->port;
+    const struct bus_device *bus = port->bus;
+    const struct sensor_ready *ready = port->sensor->ready;
+    const uint32_t begun_us = port->time_us();
+    if (polled_wait_us(&acquisition->polled, begun_us) > 0) {
+        return READING_NONE;
+    }
+    uint8_t flags;
+    enum bus_result result =
+        bus->read(bus->port, ready->address, ready->reg, &flags, 1);
+    if (result != BUS_OK) {
+        return (enum reading_result)result;
+    }
+    // The chip looks when the last of the four bytes begins.
+    const uint32_t ended_us = port->time_us();
+    const uint32_t at_us = ended_us - (ended_us - begun_us) / 4;
+    if ((flags & ready->mask) == 0) {
+        polled_no(&acquisition->polled, at_us);
+        return READING_NONE;
+    }
+    const bool is_timed =
+        polled_yes(&acquisition->polled, at_us, &out->time_us, &out->missed);
+    uint8_t *bytes = out->bytes;
+    for (uint8_t i = 0; i < port->sensor->bursts_count; i++) {
+        const struct bus_burst *burst = &port->sensor->bursts[i];
+        result = bus->read(bus->port, burst->address, burst->reg, bytes, burst->length);
+        if (result != BUS_OK) {
+            return (enum reading_result)result;
+        }
+        bytes += burst->length;
+    }
+    return is_timed ? READING_OK : READING_NONE;
+}
+
+// No edge has come since boot: perhaps there is no wire. True: asked from now on.
+static bool goes_without_wire(struct acquisition *acquisition, uint32_t now_us) {
+    if (acquisition->is_polled || acquisition->is_wired ||
+        acquisition->port->sensor->ready == NULL) {
+        return false;
+    }
+    acquisition->port->stop_sampling();
+    acquisition->is_polled = true;
+    acquisition->since_us = now_us;
+    start_sampling(acquisition);
+    probe_tell(acquisition->probe, EVENT_DATA_READY_POLLED, CAUSE_NO_DATA_READY, 0,
+               now_us);
+    return true;
+}
+
+bool acquisition_is_due(const struct acquisition *acquisition, uint32_t now_us) {
+    enum { SOON_US = 1200 };
+    return acquisition->is_polled && acquisition->phase == ACQUISITION_SAMPLING &&
+           polled_wait_us(&acquisition->polled, now_us) < SOON_US;
+}
+
+uint32_t acquisition_polled_edges(const struct acquisition *acquisition) {
+    return acquisition->polled.edges;
+}
+#endif
+
 // Fills in what a burst brought; OUTCOME_OK where that is a sample. Not inline, so that
 // its bytes are off the stack while the sample is worked on.
 __attribute__((noinline)) static enum outcome
 take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now_us) {
     struct reading reading;
+#ifdef ACQUISITION_WIRED_ONLY
     const enum reading_result result = acquisition->port->take_reading(&reading);
+#else
+    const enum reading_result result = acquisition->is_polled
+                                           ? ask(acquisition, &reading)
+                                           : acquisition->port->take_reading(&reading);
+    acquisition->is_wired |= !acquisition->is_polled && result == READING_OK;
+#endif
     if (result != READING_OK) {
         return (enum outcome)result;
     }
@@ -184,6 +261,12 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
         outcome = set_up(acquisition, now_us);
     } else {
         outcome = take_sample(acquisition, &sample, now_us);
+#ifndef ACQUISITION_WIRED_ONLY
+        if (outcome == OUTCOME_NOTHING && elapsed_us >= SILENCE_US &&
+            goes_without_wire(acquisition, now_us)) {
+            return false;
+        }
+#endif
         if (outcome == OUTCOME_NOTHING && elapsed_us >= SILENCE_US) {
             acquisition->failed = 0;
             outcome = OUTCOME_SILENT;

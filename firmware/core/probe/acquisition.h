@@ -9,6 +9,7 @@
 
 #include "core/drivers/bus.h"
 #include "core/drivers/sensor.h"
+#include "core/probe/polled.h"
 #include "core/probe/probe.h"
 
 // Why it failed is as enum bus_result has it; the bus then needs recovering.
@@ -35,6 +36,9 @@ struct acquisition_port {
     void (*start_sampling)(const struct bus_burst *bursts, uint8_t count);
     void (*stop_sampling)(void);
     enum reading_result (*take_reading)(struct reading *out);
+#ifndef ACQUISITION_WIRED_ONLY
+    uint32_t (*time_us)(void);  // for a sensor without a data-ready wire
+#endif
 };
 
 enum acquisition_phase {
@@ -52,6 +56,11 @@ struct acquisition {
     uint8_t failed;      // bursts in a row
     bool has_gap;        // samples were lost before the next one
     uint8_t unchecked;   // samples since the sensor was last looked after
+#ifndef ACQUISITION_WIRED_ONLY
+    // Data-ready has no wire, as no edge has ever come: the sensor is asked.
+    bool is_polled, is_wired;
+    struct polled polled;
+#endif
 };
 
 // Starts set-up of the sensor. Both must stay valid.
@@ -63,5 +72,23 @@ void acquisition_begin(struct acquisition *acquisition,
 // on. Call it after every interrupt; while the phase is ACQUISITION_SETUP, which waits
 // for none, again after 1 ms or so.
 bool acquisition_step(struct acquisition *acquisition, uint32_t now_us);
+
+#ifdef ACQUISITION_WIRED_ONLY
+static inline bool acquisition_is_due(const struct acquisition *acquisition,
+                                      uint32_t now_us) {
+    (void)acquisition;
+    (void)now_us;
+    return false;
+}
+static inline uint32_t acquisition_polled_edges(const struct acquisition *acquisition) {
+    (void)acquisition;
+    return 0;
+}
+#else
+// The next step is due before a board that sleeps wakes again, 1 ms or so.
+bool acquisition_is_due(const struct acquisition *acquisition, uint32_t now_us);
+// Samples of a sensor without the wire, seen or reckoned, since boot.
+uint32_t acquisition_polled_edges(const struct acquisition *acquisition);
+#endif
 
 #endif

@@ -5,6 +5,7 @@
 // Calls in core/probe/ go down these lines only, which tests/test_house.py reads:
 //
 //     acquisition, equipment      the sensor; clock, radio, card and battery
+//     polled                      when a sensor without a wire has a sample
 //     probe, commands             samples, button and steps; received bytes
 //     probe_params, probe_stream  what both of them change
 //     probe_filter                begins the filter

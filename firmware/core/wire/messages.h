@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xb8f20581u
-#define SCHEMA_SEED 0x0581u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0x1ae619deu
+#define SCHEMA_SEED 0x19deu  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -96,6 +96,7 @@ enum event {
     EVENT_PARAMS_CHANGED = 26,
     EVENT_PARAMS_LOST = 27,
     EVENT_HOOK_FAILED = 28,
+    EVENT_DATA_READY_POLLED = 29,
 };
 
 enum cause {

@@ -261,6 +261,13 @@ def _add_hardware(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
             default=board.wires[0],
             help="which of its ports the host has (default: %(default)s)",
         )
+    if board.has_ready_wire:
+        parser.add_argument(
+            "--ready",
+            choices=("wire", "none"),
+            default="wire",
+            help="whether data-ready has a wire (default: %(default)s)",
+        )
     if board.has_battery:
         parser.add_argument(
             "--battery",

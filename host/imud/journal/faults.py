@@ -109,6 +109,10 @@ _WORDS = {
         "main.py raised an exception in supply, battery or hook, {} times since its "
         "start: see docs/micropython.md"
     ),
+    ("data_ready_polled", "no_data_ready"): (
+        "the sensor is asked for its samples, because its data-ready never came: for "
+        "exact times check {ready}"
+    ),
     ("bus_recovered", "none"): "the sensor works again",
 }
 # When the crystal failed, by the detail: 0 or 1.

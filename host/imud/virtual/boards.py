@@ -29,6 +29,7 @@ class VirtualBoard:
     files: tuple[str, ...]  # options of its emulator that take a file
     has_battery: bool
     wires: tuple[str, ...] = ()  # of several ports, the one that the host has
+    has_ready_wire: bool = False  # that can be left out
 
     def find_image(self, given: Path | None = None) -> Path:
         """The image to run; FileError if there is none."""
@@ -97,6 +98,7 @@ PICO = VirtualBoard(
     files=("faults", "eeprom", "summary"),
     has_battery=False,
     wires=("usb", "uart"),
+    has_ready_wire=True,
 )
 BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO)}
 

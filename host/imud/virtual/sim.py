@@ -100,7 +100,7 @@ def command_line(args: argparse.Namespace, link: Path) -> list[str]:
     words: list[str | Path] = [simulator, "--image", image]
     words += ["--motion", "-", "--seed", str(args.seed)]
     words += ["--record", args.record] if args.record else ["--pty", link]
-    for name in ("seconds", *board.files, "battery", "wire", *WIRE):
+    for name in ("seconds", *board.files, "battery", "wire", "ready", *WIRE):
         value = getattr(args, name.replace("-", "_"), None)
         if value is not None:
             words += [f"--{name}", str(value)]

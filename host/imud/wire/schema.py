@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xB8F20581
-SEED = 0x0581  # of the CRC of all messages but hello
+FINGERPRINT = 0x1AE619DE
+SEED = 0x19DE  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -67,6 +67,7 @@ class Event(IntEnum):
     PARAMS_CHANGED = 26
     PARAMS_LOST = 27
     HOOK_FAILED = 28
+    DATA_READY_POLLED = 29
 
 
 class Cause(IntEnum):

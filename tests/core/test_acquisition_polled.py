@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: MIT
+"""A board whose data-ready has no wire: the sensor is asked, and all else goes on as
+with the wire."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from core.acquisition_desk import BURSTS, MILLISECOND, SILENCE_US, Board
+from core.desk import ffi, lib
+
+STATUS = (0x68, 0x3A, 0x01)
+PERIOD_US = 5000
+QUESTION_US = 100
+
+
+class Asked(Board):
+    """Its sensor has a sample every 5 ms, and says so when it is asked."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_silent = False
+        self.result = lib.BUS_OK
+        self.fails_at = 0  # the register at which it does
+        self.newest = self.taken = 0  # numbers of samples
+        self._ready = ffi.new("struct sensor_ready *", STATUS)
+        self._driver.ready = self._ready
+        self._read = ffi.callback(
+            "enum bus_result(void *, uint8_t, uint8_t, uint8_t *, uint8_t)", self._ask
+        )
+        self._bus.read = self._read
+        self._time = ffi.callback("uint32_t(void)", lambda: self.bench.time_us)
+        self._port.time_us = self._time
+
+    def _ask(self, _: Any, address: int, reg: int, data: Any, length: int) -> int:
+        self.bench.now_us += QUESTION_US
+        if self.result != lib.BUS_OK and self.fails_at == reg:
+            return int(self.result)
+        if (address, reg) == STATUS[:2]:
+            assert length == 1
+            newest = self.bench.now_us // PERIOD_US
+            data[0] = int(newest > self.taken and not self.is_silent)
+            self.taken = newest
+        else:
+            assert (address, reg, length) in BURSTS
+            data[0] = 0
+        return int(lib.BUS_OK)
+
+    def run(self, seconds: float) -> None:
+        end_us = self.bench.now_us + seconds * 1e6
+        while self.bench.now_us < end_us:
+            is_due = lib.acquisition_is_due(self.c, self.bench.time_us)
+            self.step(20 if is_due else MILLISECOND)
+
+    def asked(self) -> Asked:
+        self.sampling()
+        assert not lib.acquisition_is_due(self.c, self.bench.time_us)
+        self.run(0.2)
+        assert self.c.is_polled
+        return self
+
+
+def test_where_no_edge_comes_the_sensor_is_asked() -> None:
+    board = Asked().asked()
+    events = board.bench.events()
+    assert events[0] == (lib.EVENT_DATA_READY_POLLED, lib.CAUSE_NO_DATA_READY, 0)
+    assert board.calls == ["stop"]
+    before = board.samples
+    board.run(1.0)
+    assert 199 <= board.samples - before <= 201
+    assert lib.acquisition_polled_edges(board.c) >= board.samples
+    assert not board.is_faulty
+
+
+def test_times_are_those_of_the_edges() -> None:
+    board = Asked().asked()
+    times: list[int] = []
+    parse = board._parse
+
+    def noted(state: Any, data: Any, time_us: int, out: Any) -> bool:
+        times.append(time_us)
+        return parse(state, data, time_us, out)
+
+    kept = ffi.callback(
+        "bool(void *, const uint8_t *, uint32_t, struct sample *)", noted
+    )
+    board._driver.parse = kept
+    board.run(1.0)
+    errors = [
+        (time_us + PERIOD_US // 2) % PERIOD_US - PERIOD_US // 2 for time_us in times
+    ]
+    assert max(map(abs, errors[5:])) < 60
+
+
+def test_a_board_that_had_edges_does_not_ask() -> None:
+    board = Asked().sampling()
+    assert isinstance(board, Asked)
+    board.take(lib.READING_OK)
+    board.step(SILENCE_US)
+    board.gives_up_for(lib.EVENT_SENSOR_FAULT, lib.CAUSE_NO_DATA_READY, 0x71)
+    assert not board.c.is_polled
+
+
+@pytest.mark.parametrize("reg", [STATUS[1], BURSTS[1][1]])
+def test_a_bus_that_fails_is_told_and_asked_again(reg: int) -> None:
+    board = Asked().asked()
+    board.bench.messages.clear()
+    board.result, board.fails_at = lib.BUS_NACK, reg
+    while not board.bench.events():
+        board.step(20)
+    assert board.bench.events() == [(lib.EVENT_BUS_FAULT, lib.CAUSE_NACK, 1)]
+    board.result = lib.BUS_OK
+    before = board.samples
+    board.run(0.5)
+    assert board.samples - before > 90
+    assert "start" not in board.calls
+
+
+def test_a_sensor_that_says_nothing_is_set_up_again_and_asked() -> None:
+    board = Asked().asked()
+    board.is_silent = True
+    board.setup_results = [lib.SENSOR_OK]
+    board.calls.clear()
+    board.run(0.1)
+    fault = (lib.EVENT_SENSOR_FAULT, lib.CAUSE_NO_DATA_READY, 0x71)
+    assert fault in board.bench.events()
+    board.is_silent = False
+    board.run(0.6)
+    assert not board.is_faulty
+    assert board.c.is_polled
+    assert board.calls == ["stop", "recover", "begin"]
