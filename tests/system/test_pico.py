@@ -93,12 +93,12 @@ def test_without_a_data_ready_wire_it_asks_and_its_times_are_those_of_the_edges(
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("wire", ["usb"])
-def test_micropythons_poses_are_those_of_the_host(pico: Stub, wire: str) -> None:
+@pytest.mark.parametrize("ready", ["wire", "none"])
+def test_micropythons_poses_are_those_of_the_host(pico: Stub, ready: str) -> None:
     if not MICROPYTHON.exists():
         leave_out("MicroPython for the Pico is not there")
     stub = dataclasses.replace(pico, image=MICROPYTHON)
-    done = followed(stub, 60, "--wire", wire)
+    done = followed(stub, 60, "--wire", "usb", "--ready", ready)
     assert_the_poses_are_the_hosts(done, 5700)
     hello = done.named("hello")[-1].fields
     assert hello["board"] == "micropython"

@@ -149,7 +149,8 @@ static void use_mpu9250(struct imuprobe *self) {
 }
 
 // attach(kind, i2c, ready, recover=None, *, gyr=0x6B, xm=0x1D, fast=False): core's own
-// driver, over an I2C object and a data-ready pin whose interrupt calls edge().
+// driver, over an I2C object and a data-ready pin whose interrupt calls edge(); with
+// None in its place the sensor is asked.
 static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
     enum { ARG_KIND, ARG_I2C, ARG_READY, ARG_RECOVER, ARG_GYR, ARG_XM, ARG_FAST };
     static const mp_arg_t allowed[] = {
@@ -168,7 +169,9 @@ static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
     mp_obj_t call[2];
     mp_load_method(args[ARG_I2C].u_obj, MP_QSTR_readfrom_mem_into, call);
     mp_load_method(args[ARG_I2C].u_obj, MP_QSTR_writeto_mem, call);
-    mp_load_method(args[ARG_READY].u_obj, MP_QSTR_value, call);
+    if (args[ARG_READY].u_obj != mp_const_none) {
+        mp_load_method(args[ARG_READY].u_obj, MP_QSTR_value, call);
+    }
     const mp_int_t kind = args[ARG_KIND].u_int;
     if (kind != SENSOR_LSM9DS0 && kind != SENSOR_MPU9250) {
         mp_raise_ValueError(MP_ERROR_TEXT("core has no driver for this sensor"));
@@ -204,13 +207,36 @@ static void end_of_work(struct imuprobe *self, uint32_t begun_us) {
     probe_worked(&self->probe, worked_us * self->cycles_per_us);
 }
 
+// While a sensor without the wire is asked, the next sample comes soon: no turn of the
+// main loop, in Python, is as short as the questions must be apart.
+enum { ASKING_US = 1500, ASKING_TRIES = 2000 };
+
+static bool step_sensor(struct imuprobe *self) {
+    const uint32_t begun_us = (uint32_t)mp_hal_ticks_us();
+    uint32_t now_us = begun_us;
+    for (unsigned tries = 0; tries < ASKING_TRIES; tries++) {
+        if (acquisition_step(&self->acquisition, now_us)) {
+            if (self->acquisition.is_polled) {
+                self->read_us = now_us;
+            }
+            return true;
+        }
+        now_us = (uint32_t)mp_hal_ticks_us();
+        if (!acquisition_is_due(&self->acquisition, now_us) ||
+            now_us - begun_us > ASKING_US) {
+            break;
+        }
+    }
+    return false;
+}
+
 // acquire(): one step of the attached sensor: of its set-up, or the next sample. True
 // where there was a sample.
 static mp_obj_t acquire(mp_obj_t object) {
     struct imuprobe *self = enter(object);
     bool worked = false;
     if (self->i2c != mp_const_none) {
-        worked = acquisition_step(&self->acquisition, (uint32_t)mp_hal_ticks_us());
+        worked = step_sensor(self);
         if (worked) {
             end_of_work(self, self->read_us);
         }

@@ -101,7 +101,8 @@ static void measure(struct message_status *out) {
     const struct imuprobe *self = imuprobe_current;
     out->supply = self->supply_mv > 0 ? self->supply_mv : STATUS_SUPPLY_NULL;
     out->stack_free = STATUS_STACK_FREE_NULL;
-    out->samples_ready = self->edges.count;
+    out->samples_ready =
+        self->edges.count + acquisition_polled_edges(&self->acquisition);
     out->receive_lost = self->receive_lost;
 }
 
@@ -165,6 +166,9 @@ static enum bus_result recover_bus(void) {
 // Samples
 
 static bool line_is_high(struct imuprobe *self) {
+    if (self->ready == mp_const_none) {
+        return false;
+    }
     mp_obj_t call[CALL_MAX];
     mp_load_method(self->ready, MP_QSTR_value, call);
     int error;
@@ -238,6 +242,10 @@ static enum reading_result take_reading(struct reading *out) {
     return READING_OK;
 }
 
+static uint32_t time_us(void) {
+    return (uint32_t)mp_hal_ticks_us();
+}
+
 void imuprobe_use_driver(struct imuprobe *self, const struct sensor_driver *driver) {
     self->driver = *driver;
 }
@@ -264,5 +272,6 @@ void imuprobe_ports_init(struct imuprobe *self, uint16_t room) {
         .start_sampling = start_sampling,
         .stop_sampling = stop_sampling,
         .take_reading = take_reading,
+        .time_us = time_us,
     };
 }

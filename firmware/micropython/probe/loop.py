@@ -42,7 +42,8 @@ def run(
     """Runs the probe: that of the C module or, where there is none or `plain` is true,
     one that sends raw samples for a host to fuse. It ends with an exception only.
 
-    `sensor`: of sensors.py; `ready`: the Pin of its data-ready; `wire`: a UART, the
+    `sensor`: of sensors.py; `ready`: the Pin of its data-ready, None: there is no such
+    wire, and the C module asks the sensor; `wire`: a UART, the
     USB_VCP, a UDP of udp.py, or another stream; `button`: a Pin that is low while it is
     pressed; `storage`: of storage.py, None: nothing is kept; `supply`: a function that
     returns the supply in mV; `battery`: of battery.py; `log`: of log.py; `hook`: a
@@ -51,7 +52,8 @@ def run(
     without the C module, which has its own.
     """
     probe = _attached(sensor, ready, storage, plain, filter)
-    _listen(ready, probe.edge)
+    if ready is not None:
+        _listen(ready, probe.edge)
     # Frames hold any byte, Ctrl-C too.
     kbd_intr(-1)
     try:
@@ -61,7 +63,8 @@ def run(
         if log is not None:
             log.close()
         kbd_intr(_CTRL_C)
-        ready.irq(None)
+        if ready is not None:
+            ready.irq(None)
 
 
 def _attached(sensor, ready, storage, plain, filter):
@@ -69,6 +72,8 @@ def _attached(sensor, ready, storage, plain, filter):
         probe = imuprobe.Probe(storage, **facts())
         sensor.attach(probe, ready)
         return probe
+    if ready is None:
+        raise ValueError("without the C module the sensor's data-ready needs a wire")
     from .plain import Probe
 
     probe = Probe(storage, filter=filter, **facts())
