@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import Browser
 
-from web.desk import Desk, Hand, Seen
+from web.desk import Desk, Hand, Seen, seen
 from web.served import until
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -17,6 +18,13 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 USUAL: dict[str, Any] = {"tilt_sigma": 0.4, "heading_sigma": 1.75}
 ADVICE = '.reading [data-part="advice"]'
 WORD, SIGMA = '[data-part="word"]', '.reading [data-part="sigma"]'
+
+TARGET = """() => {
+  const within = { axis: "x", tolerance_deg: 2, hold_s: 2 };
+  const target = { name: "entry", q: [1, 0, 0, 0], ...within };
+  localStorage.setItem("imud.targets", JSON.stringify([target]));
+  localStorage.setItem("imud.target", JSON.stringify("entry"));
+}"""
 
 
 def says(shown: Seen, selector: str, words: str) -> None:
@@ -148,3 +156,27 @@ def _forgets(shown: Seen) -> None:
     shown.page.evaluate("location.hash = '#/probe'")
     shown.page.reload()
     shown.until("Boolean(globalThis.imud?.model.probe?.pose)")
+
+
+# A tablet's size had the chart reach over the header and the words below it.
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 768), (390, 844)])
+def test_chart_and_words_keep_apart_on_every_screen(
+    browser: Browser, desk: Desk, size: tuple[int, int]
+) -> None:
+    width, height = size
+    # All that it can say is there: a target, and advice.
+    desk.hand.turn(LEVEL, tilt_sigma=4.0, heading_sigma=8.0, pose_flags=())
+    with seen(browser, desk, viewport={"width": width, "height": height}) as shown:
+        shown.page.evaluate(TARGET)
+        shown.page.evaluate("location.hash = '#/aim'")
+        says(shown, ADVICE, "Nothing can be surer")
+        boxes = [
+            shown.page.locator(name).bounding_box() for name in ("header.top", ".polar")
+        ]
+        word = shown.page.locator("[data-part=word]").bounding_box()
+        assert all(boxes)
+        assert word is not None
+        header, chart = (box for box in boxes if box is not None)
+        assert chart["y"] >= header["y"] + header["height"]
+        is_beside = word["x"] >= chart["x"] + chart["width"]
+        assert is_beside or word["y"] >= chart["y"] + chart["height"]
