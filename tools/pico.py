@@ -18,13 +18,14 @@ from pathlib import Path
 import debian
 from pico_sources import PicoSources
 
-from imud import checkout
-from imud.flash import uf2
-
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build" / "pico"
-sys.path.insert(0, str(ROOT / "firmware" / "platforms"))
+# It may run before imud is installed.
+sys.path[:0] = [str(ROOT / "host"), str(ROOT / "firmware" / "platforms")]
 import described  # noqa: E402
+
+from imud import checkout  # noqa: E402
+from imud.flash import uf2  # noqa: E402
 
 C_BOARD = "pico"
 FLASH_AT = 0x1000_0000
