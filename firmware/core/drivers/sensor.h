@@ -81,7 +81,7 @@ struct sensor_driver {
     const struct bus_burst *bursts;
     uint8_t bursts_count;
 #ifndef ACQUISITION_WIRED_ONLY
-    // For a board without a data-ready wire; null: the chip has no such driver yet.
+    // For a board without a data-ready wire; null: the driver does not tell it yet.
     const struct sensor_ready *ready;
 #endif
 };

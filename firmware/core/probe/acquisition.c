@@ -112,8 +112,6 @@ static enum reading_result ask(struct acquisition *acquisition, struct reading *
         polled_no(&acquisition->polled, at_us);
         return READING_NONE;
     }
-    const bool is_timed =
-        polled_yes(&acquisition->polled, at_us, &out->time_us, &out->missed);
     uint8_t *bytes = out->bytes;
     for (uint8_t i = 0; i < port->sensor->bursts_count; i++) {
         const struct bus_burst *burst = &port->sensor->bursts[i];
@@ -123,7 +121,9 @@ static enum reading_result ask(struct acquisition *acquisition, struct reading *
         }
         bytes += burst->length;
     }
-    return is_timed ? READING_OK : READING_NONE;
+    return polled_yes(&acquisition->polled, at_us, &out->time_us, &out->missed)
+               ? READING_OK
+               : READING_NONE;
 }
 
 // No edge has come since boot: perhaps there is no wire. True: asked from now on.

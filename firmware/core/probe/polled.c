@@ -18,8 +18,8 @@ enum {
     LEARNED = 32,
     // What can lie anywhere within more than this has no time.
     WIDE = 300 * UNITS,
-    // An edge must have come so long before the sample is read, and so long before the
-    // next: else it is not known which of two samples was read.
+    // The next edge may not be nearer when the sample is read: else it is not known
+    // which of two was read.
     CLEAR = 20 * UNITS,
 };
 
@@ -37,6 +37,7 @@ static uint32_t middle_of(const struct polled *polled) {
 
 void polled_begin(struct polled *polled, uint16_t rate_hz) {
     *polled = (struct polled){.period = UINT32_C(1000000) * UNITS / rate_hz,
+                              .missed = polled->missed,
                               .edges = polled->edges};
 }
 

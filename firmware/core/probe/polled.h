@@ -27,7 +27,7 @@ struct polled {
     uint32_t edges;   // seen or reckoned, since boot
 };
 
-// Starts over for a sensor of that rate; the edges so far stay counted.
+// Starts over for a sensor of that rate; what came and what was missed stays counted.
 void polled_begin(struct polled *polled, uint16_t rate_hz);
 
 // Microseconds until the sensor is to be asked; 0: now.
