@@ -128,3 +128,16 @@ void journal_write(struct journal *journal, uint16_t offset, uint8_t value) {
         journal->bytes[offset] = value;
     }
 }
+
+uint8_t journal_get(void *journal, uint16_t offset) {
+    return ((const struct journal *)journal)->bytes[offset];
+}
+
+void journal_set(void *journal, uint16_t offset, uint8_t value) {
+    journal_write(journal, offset, value);
+}
+
+bool journal_is_ready(void *journal) {
+    (void)journal;
+    return true;
+}

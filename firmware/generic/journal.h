@@ -18,11 +18,15 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "core/storage/memory.h"
+
 enum {
     JOURNAL_SECTORS = 2,
     JOURNAL_BYTES = 1024,
     JOURNAL_ERASED = 0xFF,  // a byte that was never written
 };
+
+_Static_assert((int)MEMORY_SIZE <= (int)JOURNAL_BYTES, "the memory must fit");
 
 struct journal_flash {
     uint32_t words;  // in a sector
@@ -47,5 +51,12 @@ void journal_open(struct journal *journal, const struct journal_flash *flash);
 
 // Appends one record. The byte keeps its old value where flash does not take it.
 void journal_write(struct journal *journal, uint16_t offset, uint8_t value);
+
+// Initialiser of a struct memory over a journal: a write is over when it returns.
+#define JOURNAL_MEMORY(journal)                                                        \
+    { journal_get, journal_set, journal_is_ready, (journal) }
+uint8_t journal_get(void *journal, uint16_t offset);
+void journal_set(void *journal, uint16_t offset, uint8_t value);
+bool journal_is_ready(void *journal);
 
 #endif

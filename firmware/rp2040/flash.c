@@ -20,7 +20,6 @@ enum {
     PAGE_WORDS = FLASH_PAGE_SIZE / sizeof(uint32_t),
 };
 
-_Static_assert((int)MEMORY_SIZE <= (int)JOURNAL_BYTES, "it must fit the journal");
 _Static_assert(SECTOR_BYTES % FLASH_SECTOR_SIZE == 0, "it is erased by sectors");
 
 static struct journal journal;
@@ -57,19 +56,4 @@ void flash_init(void) {
     journal_open(&journal, &flash);
 }
 
-static bool is_ready(void *port) {
-    (void)port;
-    return true;  // a write is over when it returns
-}
-
-static uint8_t read_byte(void *port, uint16_t offset) {
-    (void)port;
-    return journal.bytes[offset];
-}
-
-static void write_byte(void *port, uint16_t offset, uint8_t value) {
-    (void)port;
-    journal_write(&journal, offset, value);
-}
-
-const IN_FLASH struct memory board_memory = {read_byte, write_byte, is_ready, 0};
+const IN_FLASH struct memory board_memory = JOURNAL_MEMORY(&journal);

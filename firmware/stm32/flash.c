@@ -20,8 +20,6 @@ enum {
 #define KEY_2 UINT32_C(0xCDEF89AB)
 #define FIRST_ADDRESS UINT32_C(0x080C0000)
 
-_Static_assert((int)MEMORY_SIZE <= (int)JOURNAL_BYTES, "it must fit the journal");
-
 static struct journal journal;
 
 static volatile uint32_t *address_of(uint8_t sector, uint32_t word) {
@@ -94,19 +92,4 @@ void flash_init(void) {
     journal_open(&journal, &flash);
 }
 
-static bool is_ready(void *port) {
-    (void)port;
-    return true;  // a write is over when it returns
-}
-
-static uint8_t read_byte(void *port, uint16_t offset) {
-    (void)port;
-    return journal.bytes[offset];
-}
-
-static void write_byte(void *port, uint16_t offset, uint8_t value) {
-    (void)port;
-    journal_write(&journal, offset, value);
-}
-
-const IN_FLASH struct memory board_memory = {read_byte, write_byte, is_ready, 0};
+const IN_FLASH struct memory board_memory = JOURNAL_MEMORY(&journal);
