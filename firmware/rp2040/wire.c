@@ -143,14 +143,14 @@ bool board_send_is_idle(void) {
     return (!tud_cdc_connected() || usb_is_idle()) && uart_is_idle();
 }
 
-// Each turn of the main loop asks for bytes, which moves USB on.
+// Each turn of the main loop asks until nothing comes, which moves USB on once.
 int16_t board_receive(void) {
     uint8_t byte;
-    tud_task();
-    (void)tud_cdc_write_flush();
     if (tud_cdc_read(&byte, 1) == 1) {
         return byte;
     }
+    tud_task();
+    (void)tud_cdc_write_flush();
     if (received_tail == received_head) {
         return -1;
     }
