@@ -107,14 +107,12 @@ class CalibrationGuide:
             await self._follow(task)
         except GuideError as error:
             self.is_told = True
-            self._probe = self._name_now()
             self._say(phase="refused", why=str(error))
         finally:
-            self._probe = self._name_now()
             await processes.end(self._process)
             for command, parameters in reversed(self._undo):
                 with contextlib.suppress(GuideError):  # it may be gone
-                    await self._ask(self._probe, command, parameters)
+                    await self._ask(self._name_now(), command, parameters)
 
     async def _until_known(self) -> None:
         """Waits for what a probe tells right after it was plugged in."""
@@ -227,8 +225,9 @@ class CalibrationGuide:
                 raise GuideError("this machine is too busy to calibrate; begin again")
 
     def _say(self, **fields: Any) -> None:
-        head = {"type": CALIBRATION, "probe": self._probe, "kind": self._kind}
-        self._tell(self._probe, _encode(head | fields))
+        name = self._name_now()
+        head = {"type": CALIBRATION, "probe": name, "kind": self._kind}
+        self._tell(name, _encode(head | fields))
 
 
 class Guides:
