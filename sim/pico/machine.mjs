@@ -40,7 +40,8 @@ export class Machine {
     this.isDown = false;
     this.begunNs = 0; // of this start, since power came
     this.isHalted = false;
-    this.deepest = Infinity; // of the stack's addresses, once it is the firmware's own
+    this.top = new DataView(flash.buffer, flash.byteOffset).getUint32(VECTORS, true);
+    this.deepest = this.toldDeepest = this.top; // that the stack has been
     this.start({ chip: HAD_POR, reason: 0, scratch: [] });
   }
 
@@ -193,9 +194,9 @@ export class Machine {
         next = this.advance();
       }
     }
-    const top = new DataView(this.flash.buffer, this.flash.byteOffset).getUint32(VECTORS, true);
-    if (this.deepest <= top) {
-      this.lib.stack(top - this.deepest);
+    if (this.deepest < this.toldDeepest) {
+      this.toldDeepest = this.deepest;
+      this.lib.stack(this.top - this.deepest);
     }
     return this.now();
   }
