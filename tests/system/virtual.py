@@ -93,22 +93,14 @@ F405 = Board(
     ),
     write_us=8,
 )
-PICO = Board(
+PICO = dataclasses.replace(
+    NANO,  # with the same sensor
     name="pico",
-    rate_hz=200,
     clock_hz=125_000_000,
     flash=(2048 - 64) * 1024,  # what the settings leave
     ram=264 * 1024,
     stack=4 * 1024,
-    unevenness_us=20,
     ready_us=712_000,
-    setup_transactions=(2, 20, 55, 70),
-    transaction=500,
-    transaction_bytes=25,  # one burst of 22
-    acknowledged=(0, 1, 2),
-    no_mag="no_ak8963",
-    has_relatives=True,
-    kept_registers=({"reg": 26, "value": 0}, {"reg": 28, "value": 0}),
     write_us=100,
     brown_out="power_on",  # which the chip tells from it no more
     options=("--wire", "uart"),  # which has all that is said before a host is there
