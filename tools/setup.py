@@ -139,18 +139,18 @@ def build_micropython(command: str, boards: Sequence[str]) -> None:
 
 
 def build_picos(boards: Sequence[str]) -> None:
-    for name in boards:
-        if name in PICOS:
-            step(f"image of {name}", venv("python"), "tools/pico.py", name)
+    for name in filter(PICOS.__contains__, boards):
+        step(f"image of {name}", venv("python"), "tools/pico.py", name)
 
 
 def build_sim(boards: Sequence[str]) -> None:
     """Build both boards' emulators, or only the named board's; the Pico's if named."""
+    targets = ["all"] if len(boards) > 1 else []
+    targets += ["pico"] if set(boards) & set(PICOS) else []
     emulator = "f405" if boards[0] == MICROPYTHON else boards[0]
-    targets = ["all"] * (len(boards) > 1) + ["pico"] * bool(set(boards) & set(PICOS))
     targets = targets or [f"../build/sim/{emulator}"]
-    jobs = f"--jobs={os.cpu_count() or 1}"
-    step("virtual boards", "make", "--silent", jobs, "--directory", "sim", *targets)
+    make = ("make", "--silent", f"--jobs={os.cpu_count() or 1}", "--directory=sim")
+    step("virtual boards", *make, *targets)
 
 
 def run_under_another_python(arguments: Sequence[str]) -> NoReturn:
