@@ -114,7 +114,9 @@ def test_a_flood_of_openigtlink_is_refused_and_counted() -> None:
     server.start()
     try:
         for _ in range(IGTL_RATE.at_once + 20):
-            socket.create_connection(("127.0.0.1", server.port), 5.0).close()
+            # A refusal may come before the client knows that it is connected.
+            with contextlib.suppress(ConnectionResetError):
+                socket.create_connection(("127.0.0.1", server.port), 5.0).close()
         until_s = time.monotonic() + 5.0
         while server.refused["rate"] < 15 and time.monotonic() < until_s:
             time.sleep(0.01)

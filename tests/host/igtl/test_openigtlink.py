@@ -275,9 +275,8 @@ def test_there_may_be_only_so_many_clients(caplog: pytest.LogCaptureFixture) -> 
         ]
         for client in clients:
             client.hear_first(lambda: put(server, "Greeting"))
-        late = stack.enter_context(connected(address, PATIENCE_S))
         with pytest.raises((EOFError, ConnectionError)):
-            late.hear()
+            stack.enter_context(connected(address, PATIENCE_S)).hear()
         until(lambda: server.refused["clients"] == 1)
     server.close()
     assert "a client was refused: there are 16" in caplog.text
