@@ -19,9 +19,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from imud import checkout
-
 ROOT = Path(__file__).resolve().parent.parent
+# It may run before imud is installed.
+sys.path.insert(0, str(ROOT / "host"))
+from imud import checkout  # noqa: E402
+
 BUILD = ROOT / "build" / "micropython"
 OWN = ROOT / "firmware" / "micropython"
 
