@@ -4,6 +4,7 @@ board has none."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import signal
 import subprocess
@@ -17,7 +18,8 @@ import serial
 
 from fakes import PATIENCE_S
 from imud import cli
-from imud.virtual import modules, motion
+from imud.params.trusted import known_to
+from imud.virtual import memory, modules, motion, turning
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message
@@ -230,6 +232,33 @@ def test_a_port_is_checked_without_a_daemon(
     for text in (markdown, json.dumps(report)):
         assert str(stub.folder) not in text
     assert report["counters"]["state"] == "streaming"
+
+
+@pytest.mark.parametrize("stub", ["nano"], indirect=True)
+def test_a_known_turn_is_judged(
+    stub: Stub, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    eeprom = tmp_path / "eeprom"
+    known = known_to(0.007, 0.1, gyr=0.001)
+    memory.memory_with(stub.image, stub.simulator, known, eeprom)
+    pieces = turning.pieces("turn", modules.calibrated(), 3, RATE_HZ)
+    felt = motion.join(list(itertools.islice(pieces, 16)))
+    path = tmp_path / "turning"
+    with path.open("wb") as file:
+        motion.write_stream(file, [felt], count=len(felt))
+    probe = LiveProbe(stub, "--motion", path, "--eeprom", eeprom)
+    found = {}
+    for turn_deg in ("30", "20"):
+        words = ["check", str(probe.port), "--json", "--turn", turn_deg]
+        code = cli.main(words)
+        told = capsys.readouterr()
+        assert told.out, told.err
+        found[turn_deg] = code, json.loads(told.out)
+    sound, wrong = found.values()
+    probe.end()
+    assert (sound[0], sound[1]["verdict"]) == (0, "good"), sound
+    assert (wrong[0], wrong[1]["verdict"]) == (1, "fault"), wrong
+    assert "was it laid against the stops?" in wrong[1]["rows"][0]["advice"]
 
 
 @pytest.mark.sampled(2)

@@ -16,8 +16,8 @@ from imud.calibration.algebra import units
 from imud.calibration.poses import BASE_DOWN, StaticPose
 from imud.calibration.recording import Sample, Scale
 from imud.check.evidence import Evidence, Posed
-from imud.check.readings import DEG, MG, STILL_DPS, STILL_MG
 from imud.check.rows import Row, RowVerdict, skipped
+from imud.check.still import StillWindow
 from imud.probes.self_test import AXES
 
 LEFT_DOWN = StaticPose((0, -1, 0))
@@ -25,7 +25,6 @@ FRONT_UP = StaticPose((1, 0, 0))
 ASKED = (BASE_DOWN, LEFT_DOWN, FRONT_UP)
 
 STILL_S = 1.5
-LOOKS = 15  # at a window, while it passes by
 TIMEOUT_S = 40.0
 TURNED = 0.7  # a new pose is more than 45 degrees from the one before
 CLEAR = 0.9  # the cosine of 26 degrees: an axis is up if it is within that
@@ -39,9 +38,8 @@ class PoseGuide:
     def __init__(self, scale: Scale, poses: Iterable[StaticPose] = ASKED) -> None:
         self._scale = scale
         self._left = deque(poses)
-        self._window: deque[tuple[float, ...]] = deque()
+        self._window = StillWindow(scale, STILL_S)
         self._since_us: int | None = None
-        self._fed = 0
         self._before: np.ndarray | None = None
         self.found: list[Posed] = []
 
@@ -60,19 +58,13 @@ class PoseGuide:
             return
         if self._since_us is None:
             self._since_us = sample.t_us
-        self._window.append((*sample.acc, *sample.gyr))
-        count = max(4, round(STILL_S * self._scale.rate_hz))
-        while len(self._window) > count:
-            self._window.popleft()
-        self._fed += 1
-        is_due = self._fed % max(1, count // LOOKS) == 0
-        if is_due and len(self._window) == count and self._is_still():
-            mean = np.mean(np.array(self._window)[:, :3], axis=0)
-            up = units(mean)
+        means = self._window.feed(sample)
+        if means is not None:
+            up = units(means[:3])
             is_new = self._before is None or float(up @ self._before) < TURNED
             if is_new and np.abs(up).max() > CLEAR:
                 self._before = up
-                self._end(mean * self._scale.acc_m_s2)
+                self._end(means[:3] * self._scale.acc_m_s2)
                 return
         if sample.t_us - self._since_us > TIMEOUT_S * 1e6:
             self._end(None)
@@ -87,12 +79,6 @@ class PoseGuide:
         self.found.append(Posed(self._left.popleft(), found))
         self._window.clear()
         self._since_us = None
-
-    def _is_still(self) -> bool:
-        table = np.array(self._window)
-        acc = table[:, :3].std(axis=0) * self._scale.acc_m_s2 / MG
-        gyr = table[:, 3:].std(axis=0) * self._scale.gyr_rad_s * DEG
-        return bool(acc.max() < STILL_MG and gyr.max() < STILL_DPS)
 
 
 def rows(evidence: Evidence) -> Iterator[Row]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,6 +46,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--no-button", action="store_true", help="leave out the button and the LED"
     )
+    _add_turn(parser)
     parser.add_argument(
         "--report",
         metavar="FILE",
@@ -66,11 +68,42 @@ def add(commands: Commands) -> None:
     parser.set_defaults(run=_run, parser=parser)
 
 
+def _add_turn(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--turn",
+        metavar="DEG",
+        type=_turn,
+        help="instead of all that: lay it, turn it by so many degrees about any axis, "
+        "lay it again; whether it measures that turn (docs/check.md)",
+    )
+    parser.add_argument(
+        "--laid",
+        metavar="DEG",
+        type=above_zero,
+        default=0.2,
+        help="with --turn: how exactly you lay it, one sigma (default: %(default)g)",
+    )
+
+
+def _turn(text: str) -> float:
+    """1 to 180 degrees: a larger turn looks like the smaller one the other way."""
+    with contextlib.suppress(ValueError):
+        if 1.0 <= (number := float(text)) <= 180.0:
+            return number
+    raise argparse.ArgumentTypeError(f"{text} is not a turn of 1 to 180 degrees")
+
+
 def _run(args: argparse.Namespace) -> int:
     if args.report is not None and args.report.suffix not in ("", *SUFFIXES):
         args.parser.error(f"--report FILE ends in .md or .json, not {args.report.name}")
     from imud.cli import check_run
 
+    if args.turn is not None:
+        from imud.cli import check_turn
+
+        if args.source is not None:
+            args.parser.error("--turn needs a probe, not --from FILE")
+        return check_turn.live(args)
     if args.source is not None:
         return check_run.from_file(args)
     return check_run.live(args)

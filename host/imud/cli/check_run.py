@@ -162,6 +162,14 @@ def _look(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None
 
 def _report(evidence: Evidence, args: argparse.Namespace, title: str) -> int:
     rows = judged(evidence)
+    publish(evidence, rows, args, title)
+    return exit_code(rows)
+
+
+def publish(
+    evidence: Evidence, rows: Sequence[Row], args: argparse.Namespace, title: str
+) -> None:
+    """Prints the table or the report, and writes the files that were asked for."""
     today = datetime.datetime.now(datetime.UTC).date()
     found = report.as_object(evidence, rows, today)
     if args.json:
@@ -171,7 +179,6 @@ def _report(evidence: Evidence, args: argparse.Namespace, title: str) -> int:
     for path in _write(args.report, found):
         if not args.json:
             sys.stdout.write(f"report: {path}\n")
-    return exit_code(rows)
 
 
 def exit_code(rows: Sequence[Row]) -> int:

@@ -9,7 +9,7 @@ import argparse
 import contextlib
 import queue
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,8 @@ from imud.wire.messages import Message
 
 TICK_S = 0.1
 HEARD_S = 1.5  # a probe that sends raw samples is heard within this time
+# One part a second, up to nine parts (imud.wire.params).
+PARAMS_S = 16.0
 SILENT_S = 8.0  # longer than a board needs to start again
 
 
@@ -41,14 +43,20 @@ class LiveMessages:
     samples; afterwards it does as before.
     """
 
-    def __init__(self, client: Client, status: Mapping[str, Any], title: str) -> None:
+    def __init__(
+        self,
+        client: Client,
+        status: Mapping[str, Any],
+        title: str,
+        topics: Sequence[str] = (),
+    ) -> None:
         self.title = title
         self._client = client
         self._status = status
         self._probe = str(status["probe"])
         self._queue: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._undo: list[tuple[str, dict[str, str]]] = []
-        topics = ["raw", "event", "status"]
+        topics = ["raw", "event", "status", *topics]
         if client.may("frame"):  # recorders only; it has the self-test
             topics.append("frame")
         self._unlisten = [
@@ -95,6 +103,19 @@ class LiveMessages:
         if self._try("fields", {"streams": "pose,raw"}):
             self._undo.append(("fields", {"streams": "pose"}))
         self._try("start", {})
+
+    def params(self) -> bytes:
+        """The records of its params, once it has told them. ProbeUnknown if it does
+        not.
+        """
+        until_s = time.monotonic() + PARAMS_S
+        while True:
+            try:
+                return bytes.fromhex(self._client.params(self._probe)["bytes"])
+            except ProbeUnknown:
+                if time.monotonic() > until_s:
+                    raise
+            time.sleep(TICK_S)
 
     def _try(self, name: str, arguments: dict[str, str]) -> bool:
         """Whether the probe did it: one without a sensor may refuse."""
@@ -144,13 +165,15 @@ class LiveMessages:
 
 
 @contextlib.contextmanager
-def opened(args: argparse.Namespace) -> Iterator[LiveMessages]:
-    """The probe that is meant, by the daemon that runs, or by one of its own. Raises
-    ImudError with what to do if there is none.
+def opened(
+    args: argparse.Namespace, topics: Sequence[str] = ()
+) -> Iterator[LiveMessages]:
+    """The probe that is meant, by the daemon that runs, or by one of its own, with
+    further topics. Raises ImudError with what to do if there is none.
     """
     with contextlib.ExitStack() as stack:
         found = reached.probe(args, args.probe, "imud check", stack)
-        source = LiveMessages(found.client, found.status, found.title)
+        source = LiveMessages(found.client, found.status, found.title, topics)
         stack.callback(source.close)
         yield source
 

@@ -36,6 +36,8 @@ HANDS = {
     "follow-iron": "the same, beside a loudspeaker",
     "calibrate": "lays it down as the guided calibration asks",
     "check": "lays it down and presses its button as imud check asks",
+    "turn": "turns it by 30 degrees on a plate, there and back: imud check --turn 30",
+    "wedge": "the same, onto a wedge of 30 degrees",
     "lazy": "as calibrate, but tilts it by about 20 degrees only",
     "air": "holds it in the air all the time",
     "iron": "as calibrate, beside a loudspeaker",

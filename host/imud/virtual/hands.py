@@ -6,7 +6,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from imud.virtual import calibrating, checking, dimpling, following, measuring
+from imud.virtual import (
+    calibrating,
+    checking,
+    dimpling,
+    following,
+    measuring,
+    turning,
+)
 from imud.virtual.motion import Motion
 from imud.virtual.motions.module import Module
 
@@ -30,4 +37,6 @@ def pieces_of(
         return dimpling.pieces(name, module, seed, rate_hz)
     if name == checking.NAME:
         return checking.pieces(module, seed, rate_hz)
+    if name in turning.AXES:
+        return turning.pieces(name, module, seed, rate_hz)
     return calibrating.pieces(name, module, seed, rate_hz)
