@@ -132,7 +132,10 @@ CHECK_NEEDS = (
     Need("arduino-core-avr", BOOTLOADERS.is_dir),
 )
 # Builds the core for Windows: tools/windows_wheel.py.
-RELEASE_NEEDS = (Need("gcc-mingw-w64-x86-64-win32", has("x86_64-w64-mingw32-gcc")),)
+RELEASE_NEEDS = (
+    NEWLIB,  # inside the images of the Pico
+    Need("gcc-mingw-w64-x86-64-win32", has("x86_64-w64-mingw32-gcc")),
+)
 
 
 def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:

@@ -5,6 +5,7 @@ of NOTICES.txt, from the licences where they lie.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -41,6 +42,32 @@ SIM: Parts = (
 )
 
 
+def of_pico(sources: Path) -> Parts:
+    """What is inside the Pico's images. `sources`: the folder of pico_sources.py."""
+    doc, where = sources / "usr" / "share" / "doc", "images of the Pico"
+    return (
+        Part("pico-sdk", where, doc / "pico-sdk-source" / "copyright"),
+        Part("TinyUSB", where, doc / "tinyusb-source" / "copyright"),
+        Part("newlib", where, DOC / "libnewlib-dev" / "copyright"),
+        Part("libgcc", where, DOC / "gcc-arm-none-eabi" / "copyright"),
+    )
+
+
+def of_micropython(sources: Path, tree: Path) -> Parts:
+    """What is inside its images for the Pico. `tree`: that of MicroPython."""
+    where, lib = "images with MicroPython", tree / "lib"
+    return (
+        Part("MicroPython", where, tree / "LICENSE"),
+        Part("littlefs (BSD-3-Clause)", where, lib / "littlefs" / "lfs2.h"),
+        Part("FatFs", where, lib / "oofatfs" / "ff.h"),
+        Part("uzlib", where, lib / "uzlib" / "uzlib.h"),
+        Part("re1.5 (BSD-3-Clause)", where, lib / "re1.5" / "re1.5.h"),
+        Part("FreeBSD's and musl's libm", where, lib / "libm" / "libm.h"),
+        Part("Mbed TLS", where, lib / "mbedtls" / "LICENSE"),
+        *of_pico(sources),
+    )
+
+
 def text(parts: Parts, source: Path) -> str:
     """The notices; FileNotFoundError if the terms of a part are not there."""
     head = "What others wrote that is inside, and on which terms:\n\n"
@@ -54,4 +81,7 @@ def text(parts: Parts, source: Path) -> str:
 
 def _terms(part: Part, source: Path) -> str:
     path = part.terms if part.terms.is_absolute() else source / part.terms
-    return path.read_text("utf-8").strip()
+    text = path.read_text("utf-8").strip()
+    if path.suffix in (".c", ".h"):  # they are the comment at its beginning
+        text = re.split(r"^\s*#", text, maxsplit=1, flags=re.MULTILINE)[0].strip()
+    return text

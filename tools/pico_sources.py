@@ -44,21 +44,21 @@ class PicoSources:
 
     def __init__(self) -> None:
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        self._folder = base / "imu-probe" / FOLDER
-        self._folder.parent.mkdir(parents=True, exist_ok=True)
-        with self._folder.with_name(f"{FOLDER}.lock").open("w") as lock:
+        self.folder = base / "imu-probe" / FOLDER
+        self.folder.parent.mkdir(parents=True, exist_ok=True)
+        with self.folder.with_name(f"{FOLDER}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            if not (self._folder / "whole").exists():
-                shutil.rmtree(self._folder, ignore_errors=True)
-                self._folder.mkdir()
+            if not (self.folder / "whole").exists():
+                shutil.rmtree(self.folder, ignore_errors=True)
+                self.folder.mkdir()
                 self._fetch()
-                (self._folder / "whole").touch()
-        self.sdk = self._folder / "usr" / "src" / "pico-sdk"
-        self.tinyusb = self._folder / "usr" / "src" / "tinyusb"
-        self.micropython = self._folder / "micropython-1.25.0"
+                (self.folder / "whole").touch()
+        self.sdk = self.folder / "usr" / "src" / "pico-sdk"
+        self.tinyusb = self.folder / "usr" / "src" / "tinyusb"
+        self.micropython = self.folder / "micropython-1.25.0"
 
     def _fetch(self) -> None:
-        room = self._folder / "packages"
+        room = self.folder / "packages"
         room.mkdir()
         quiet = debian.apt_get(room / "deb", SUITE)
         debian.output(*quiet, "download", *PACKAGES, cwd=room)
@@ -68,9 +68,9 @@ class PicoSources:
             self._unpack(room / name, digest)
         shutil.rmtree(room)
         for link, folder in LINKS.items():
-            path = self._folder / "micropython-1.25.0" / link
+            path = self.folder / "micropython-1.25.0" / link
             path.rmdir()  # an empty one, as Debian leaves it
-            path.symlink_to(self._folder / folder)
+            path.symlink_to(self.folder / folder)
 
     def _unpack(self, file: Path, digest: str) -> None:
         if not file.exists():
@@ -78,10 +78,10 @@ class PicoSources:
         if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
             raise debian.NotInstalled(f"{file.name} is not the file of that hash")
         if file.suffix == ".deb":
-            debian.output("dpkg-deb", "-x", str(file), str(self._folder))
+            debian.output("dpkg-deb", "-x", str(file), str(self.folder))
             return
         # Python's own: a bare system has no xz and no bzip2 for tar.
         with tarfile.open(file) as archive:
             if hasattr(tarfile, "data_filter"):  # Python 3.11.4
                 archive.extraction_filter = tarfile.data_filter
-            archive.extractall(self._folder)  # noqa: S202, its hash was compared
+            archive.extractall(self.folder)  # noqa: S202, its hash was compared

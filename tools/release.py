@@ -25,6 +25,8 @@ from pathlib import Path
 import debian
 import locked
 import notices
+import release_pico
+from pico_sources import PicoSources
 
 ROOT = Path(__file__).resolve().parent.parent
 PLACE = ROOT / "build" / "release"
@@ -124,11 +126,13 @@ class Release:
                 *(STRIP[row["board"]], "--strip-debug", "-o", elf),
                 built / "firmware.elf",
             )
+        rows.append(release_pico.build(self, folder))
         text = json.dumps({"images": rows}, indent=2)
         (folder / "manifest.json").write_text(text + "\n")
         if self._signature is not None:
             shutil.copy(self._signature, folder / "manifest.json.sig")
-        self._name(package, "imu_probe_firmware", notices.FIRMWARE)
+        parts = (*notices.FIRMWARE, *notices.of_pico(PicoSources().folder))
+        self._name(package, "imu_probe_firmware", parts)
         self._wheel(package, self.dist)
 
     def build_sim(self, *, with_sources: bool) -> None:
