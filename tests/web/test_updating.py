@@ -30,7 +30,12 @@ OFFERED = tuple(
         sha256="0" * 64,
         bytes=1,
     )
-    for board, chosen in (("nano", "mahony"), ("nano", "fuse"), ("f405", "all"))
+    for board, chosen in (
+        ("nano", "mahony"),
+        ("nano", "fuse"),
+        ("f405", "all"),
+        ("pico", "all"),
+    )
 )
 
 # Asks what `imud flash` asks, and says what it was told. How it ends is in the
@@ -161,14 +166,16 @@ def test_the_page_offers_what_is_newer_and_writes_it(
     show(served, "newest", firmware="0.3.0+7654321")
     show(served, "other", filter="madgwick")  # of which there is no image
     show(served, "arm", board="f405")
+    show(served, "drive", board="pico")
     page = browser.new_page()
     page.goto(f"{served.page.url}/#/probes")
     boxes = {
         name: page.locator(f"[data-probe={name}] [data-part=update]")
-        for name in ("stylus", "newest", "other", "arm")
+        for name in ("stylus", "newest", "other", "arm", "drive")
     }
     boxes["arm"].get_by_text("In a shell: imud flash arm").wait_for()
     assert not boxes["arm"].get_by_role("button").is_visible()
+    boxes["drive"].get_by_role("button", name="Update firmware").wait_for()
     for name in ("newest", "other"):
         assert not boxes[name].is_visible()
     text = "Firmware 0.3.0+1234567 is there; the probe has 0.2.9+7654321."

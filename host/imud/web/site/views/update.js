@@ -10,8 +10,8 @@ import { tell } from "../header.js";
 /** @typedef {{ board: string, filter: string, version: string, schema: string }} Firmware */
 
 const ALL_FILTERS = "all";
-// Of the others a pin has to be wired first, so that they are for the shell.
-const BY_BUTTON = "nano";
+// An F405 needs a pin wired first, so it is for the shell.
+const BY_BUTTON = ["nano", "pico"];
 
 /**
  * 0.2.0+1234567 as [0, 2, 0]; what is no version is older than all.
@@ -77,7 +77,7 @@ export class UpdateBox {
     const phase = probe.update?.phase;
     const isBusy = phase === "running" || phase === "done";
     this.element.hidden = found === undefined && !isBusy;
-    const isByButton = hello?.board === BY_BUTTON;
+    const isByButton = BY_BUTTON.includes(hello?.board);
     const isOpen = link.state === "open";
     this._button.hidden = found === undefined || !isByButton || phase === "running";
     this._button.disabled = !isOpen;
@@ -107,7 +107,7 @@ export class UpdateBox {
     if (found === undefined) {
       return "The firmware is updated.";
     }
-    const how = hello?.board === BY_BUTTON ? "" : ` In a shell: imud flash ${this._name}`;
+    const how = BY_BUTTON.includes(hello?.board) ? "" : ` In a shell: imud flash ${this._name}`;
     return `Firmware ${found.version} is there; the probe has ${hello?.firmware}.${how}`;
   }
 
