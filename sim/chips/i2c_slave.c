@@ -119,6 +119,10 @@ void i2c_slave_release(struct i2c_slave *slave) {
     slave->die = I2C_SLAVE_NOBODY;
 }
 
+bool i2c_slave_is_addressed(const struct i2c_slave *slave) {
+    return slave->die != I2C_SLAVE_NOBODY;
+}
+
 static void tell_idle(struct i2c_slave *slave) {
     if (slave->ops->idle != NULL) {
         slave->ops->idle(slave->chip);

@@ -59,6 +59,7 @@ struct i2c_slave {
 
 // Nobody is addressed any more: the chip was reset, by itself or by loss of power.
 void i2c_slave_release(struct i2c_slave *slave);
+bool i2c_slave_is_addressed(const struct i2c_slave *slave);
 
 // Takes the place of one that is past. False where I2C_SLAVE_FAULTS_MAX are not.
 bool i2c_slave_add_fault(struct i2c_slave *slave, const struct chip_fault *fault);

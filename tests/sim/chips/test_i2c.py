@@ -1,28 +1,36 @@
 # SPDX-License-Identifier: MIT
-"""The models of both sensors on the I2C bus: who answers, and their common faults."""
+"""The models of the sensors on the I2C bus: who answers, and their common faults."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
-from sim.chips import lsm9ds0_desk, mpu9250_desk
+from sim.chips import lis3mdl_desk, lsm6dsox_desk, lsm9ds0_desk, mpu9250_desk
 from sim.chips.sensor_desk import MS, SensorDesk
 
 # Of each model: address, register WHO_AM_I, its value, a register to write.
 PLACES = {
     "mpu9250": (mpu9250_desk.MPU, 117, 0x71, 55),
     "lsm9ds0": (lsm9ds0_desk.XM, 0x0F, 0x49, 0x22),
+    "lsm6dsox": (lsm6dsox_desk.IMU, 0x0F, 0x6C, 0x0D),
+    "lis3mdl": (lis3mdl_desk.MAG, 0x0F, 0x3D, 0x24),
+}
+DESKS: dict[str, Any] = {
+    "mpu9250": mpu9250_desk,
+    "lsm9ds0": lsm9ds0_desk,
+    "lsm6dsox": lsm6dsox_desk,
+    "lis3mdl": lis3mdl_desk,
 }
 
 
 class Wired:
-    """A sensor of either kind; one register is read, another one written."""
+    """A sensor of any kind; one register is read, another one written."""
 
     def __init__(self, name: str) -> None:
-        desk = {"mpu9250": mpu9250_desk, "lsm9ds0": lsm9ds0_desk}[name]
-        self.desk: SensorDesk = desk.Chip()
+        self.desk: SensorDesk = DESKS[name].Chip()
         self.address, self.who_am_i, self.identity, self.writable = PLACES[name]
 
     def try_read(self) -> int:

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+// A model of the LSM6DSOX, byte by byte on I2C, written from its maker's documents; the
+// LSM6DSO and the ISM330DHCX are variants. The virtual boards and the driver's tests
+// use it; it depends on no emulator and no driver.
+//
+// Documents: DS = LSM6DSO32 data sheet, DocID032891 rev 1, which has the registers of
+// the LSM6DSO and LSM6DSOX but for the accelerometer's ranges; SO = LSM6DSO data sheet,
+// DS12140 rev 2 (self-test, rates, axes); AN = AN5040 rev 3 on the LSM6DSL, the same
+// blocks one generation earlier (start-up, samples to be discarded, data-ready, BDU);
+// AD = Adafruit's library Adafruit_LSM6DS; LX = Linux, drivers/iio/imu/st_lsm6dsx; QC =
+// ST's driver of the LSM6DSO for Qualcomm's hubs (delay by data rate, clock dividers).
+// "Memory" beside a number: AN5192 on the LSM6DSO, not at hand.
+//
+// Time is an argument, in nanoseconds since power came, and never goes back. The model
+// asks for motion in its own axes, right-handed, in SI units.
+//
+// What the documents leave open, and what the model does:
+// - Its one clock has an error that may change with temperature; no document says by
+//   how much (rate_error_ppm, rate_ppm_per_c). INTERNAL_FREQ_FINE tells of the former.
+// - Samples of both sensors fall on one grid: at one rate, at one time. The first one
+//   comes a whole period or more after a sensor is turned on.
+// - A low-pass is a moving average of the documented bandwidth, centred on the
+//   documented delay, or ends now where it would see the future.
+// - The gyroscope reads zero for gyr_turn_on_ns after power-down. A sample that AN says
+//   to discard is half of what it should be.
+// - A sample that finds its place held by BDU shows, and is flagged, once both halves
+//   have been read.
+// - Beyond its full scale an output goes on to the ends of 16 bits.
+// - Self-test acts at once. Documents give limits at 250 and 2000 deg/s alone.
+// - A reset with INT1 high leaves an interface that knows I3C alone, until power goes
+//   (LX: st_lsm6dsx_reset_device(); DS table 19 says so of power-on). INT1 is high
+//   where the chip itself holds it high.
+//
+// Not modelled: noise and offsets, which the motion has (`imud sim --module`); FIFO,
+// timestamps, high-pass filters, circular bursts, events, sensor hub, embedded
+// functions, ultra-low power, DEN, the auxiliary interface, SPI, I3C. Turning one on is
+// reported (lsm6dsox_chip_complaint), as is what the data sheet forbids.
+#ifndef SIM_CHIPS_LSM6DSOX_H
+#define SIM_CHIPS_LSM6DSOX_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "chip_motion.h"
+#include "i2c_slave.h"
+
+enum lsm6dsox_chip_pin { LSM6DSOX_CHIP_INT1, LSM6DSOX_CHIP_INT2 };
+
+enum { LSM6DSOX_CHIP_RANGES = 6 };  // of the gyroscope: 125 to 4000 deg/s
+
+struct lsm6dsox_chip_config {
+    chip_motion_function motion;  // null: the motion is that of lsm6dsox_chip_hold()
+    void *context;
+    bool is_recorded;       // a sensor's low-pass is in the motion already
+    double rate_error_ppm;  // of its clock at 25 degC; positive is fast
+    double rate_ppm_per_c;  // how that changes as it warms up
+    double temperature_c;
+    double temperature_error_c;  // DS table 5: -15 to 15
+    uint64_t startup_ns;         // from power-up until registers answer
+    uint64_t reset_ns;           // how long SW_RESET takes
+    uint64_t boot_ns;            // how long BOOT takes
+    uint64_t gyr_turn_on_ns;     // from power-down until readings are good
+    uint8_t who_am_i;            // 0x6C; 0x6B is an ISM330DHCX
+    bool has_4000_dps;           // ISM330DHCX
+    bool sa0;                    // level of the pin: address 0x6A or 0x6B
+    double gyr_self_test_dps[LSM6DSOX_CHIP_RANGES];  // response in each range
+    double acc_self_test_mg[3];                      // response of each axis
+};
+
+struct lsm6dsox_chip;
+
+// A plain LSM6DSOX, which an LSM6DSO equals here: no errors, 25 degC, SA0 low.
+struct lsm6dsox_chip_config lsm6dsox_chip_defaults(void);
+// A plain ISM330DHCX.
+struct lsm6dsox_chip_config lsm6dsox_chip_ism330dhcx(void);
+
+// A chip whose power comes at time 0. Null where memory is out.
+struct lsm6dsox_chip *lsm6dsox_chip_new(const struct lsm6dsox_chip_config *config);
+void lsm6dsox_chip_free(struct lsm6dsox_chip *chip);
+// Power goes and comes back at now_ns; faults stay.
+void lsm6dsox_chip_power_cycle(struct lsm6dsox_chip *chip, uint64_t now_ns);
+
+// The motion from now on where the configuration has no function. Before the first
+// call: lying still, level. The field is of no account.
+void lsm6dsox_chip_hold(struct lsm6dsox_chip *chip, const double gyr_rad_s[3],
+                        const double acc_m_s2[3], const double mag_ut[3]);
+void lsm6dsox_chip_set_temperature(struct lsm6dsox_chip *chip, double temperature_c);
+
+// Lets time pass; every other function with a time does so first.
+void lsm6dsox_chip_advance(struct lsm6dsox_chip *chip, uint64_t now_ns);
+// When something next happens by itself; UINT64_MAX where nothing will.
+uint64_t lsm6dsox_chip_next_event(const struct lsm6dsox_chip *chip);
+// The level of a pin (an open-drain one has its pull-up). It may also change with a
+// byte on the wire: data-ready goes as the data are read.
+bool lsm6dsox_chip_pin_is_high(const struct lsm6dsox_chip *chip,
+                               enum lsm6dsox_chip_pin pin);
+
+// The chip on the wire: its bytes, whole transactions, faults. Its die is number 1.
+struct i2c_slave *lsm6dsox_chip_wire(struct lsm6dsox_chip *chip);
+
+// For tests: a register with no side effects, transactions so far, samples of a
+// quantity so far, and the first thing the host did against the documents (null:
+// nothing).
+uint8_t lsm6dsox_chip_peek(const struct lsm6dsox_chip *chip, uint8_t reg);
+uint64_t lsm6dsox_chip_transactions(const struct lsm6dsox_chip *chip);
+uint64_t lsm6dsox_chip_samples(const struct lsm6dsox_chip *chip,
+                               enum chip_quantity quantity);
+const char *lsm6dsox_chip_complaint(const struct lsm6dsox_chip *chip);
+
+#endif

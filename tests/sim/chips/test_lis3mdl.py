@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: MIT
+"""The model of the LIS3MDL against the manufacturer's documents: registers, clock,
+counts.
+
+Numbers are typed from the data sheet, DocID024204 rev 4 (DS), and from AN4602 (AN) as
+others quote them, and from Adafruit's library (AD), not taken from the model.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from sim.chips.lis3mdl_desk import MAG, ON, Chip, lib, recorder
+from sim.chips.sensor_desk import MS
+
+
+def test_reset_values_are_those_of_the_register_map(chip: Chip) -> None:
+    expected = [0] * 128
+    expected[0x0F] = 0x3D  # AD
+    expected[0x20] = 0x10  # DS CTRL_REG1
+    expected[0x22] = 0x03  # DS CTRL_REG3: power-down
+    expected[0x30] = 0xE8
+    assert chip.get(MAG, ON | 0, 128) == expected
+
+
+@pytest.mark.parametrize(("sa1", "address"), [(False, 0x1C), (True, 0x1E)])
+def test_the_sa1_pin_chooses_the_address(sa1: bool, address: int) -> None:
+    chip = Chip(sa1=sa1)
+    assert [a for a in range(128) if chip.try_get(a, 0x0F) == 0] == [address]
+
+
+def test_nothing_answers_until_it_has_started() -> None:
+    chip = Chip(startup_ns=lib.lis3mdl_chip_defaults().startup_ns)
+    assert chip.try_get(MAG, 0x0F) == -1
+    chip.wait(10)
+    assert chip.read(0x0F) == 0x3D
+
+
+def test_bit_7_of_the_sub_address_makes_it_move_on(chip: Chip) -> None:
+    assert chip.get(MAG, 0x20, 3) == [0x10, 0x10, 0x10]  # DS 5.1.1
+    assert chip.get(MAG, ON | 0x20, 3) == [0x10, 0x00, 0x03]
+    chip.put(MAG, ON | 0x20, 0x7C, 0x40)
+    assert chip.get(MAG, ON | 0x20, 2) == [0x7C, 0x40]
+    chip.put(MAG, 0x20, 0x10, 0x14)  # without ON both go to the same register
+    assert chip.get(MAG, ON | 0x20, 2) == [0x14, 0x40]
+
+
+WRITABLE = {*range(0x05, 0x0B), *range(0x20, 0x25), 0x30, 0x32, 0x33}
+
+
+def test_reserved_and_read_only_registers_stay_and_complain() -> None:
+    for reg in range(128):
+        chip = Chip()
+        before = chip.read(reg)
+        chip.write(reg, before)
+        assert (chip.complaint() is not None) is (reg not in WRITABLE), hex(reg)
+        assert chip.read(reg) == before
+
+
+@pytest.mark.parametrize(
+    ("reg", "value", "kept"),
+    [
+        (0x21, 0x61, 0x60),
+        (0x21, 0x80, 0x00),
+        (0x22, 0x13, 0x03),
+        (0x23, 0x1C, 0x0C),
+        (0x24, 0x41, 0x40),
+    ],
+)
+def test_reserved_bits_stay_and_complain(reg: int, value: int, kept: int) -> None:
+    chip = Chip()
+    chip.write(reg, value)
+    assert "reserved" in str(chip.complaint())
+    assert chip.read(reg) == kept
+
+
+@pytest.mark.parametrize(("reg", "value"), [(0x22, 0x07), (0x24, 0x80), (0x30, 0xE9)])
+def test_what_is_not_modelled_complains(reg: int, value: int) -> None:
+    chip = Chip()
+    chip.write(reg, value)
+    assert "not modelled" in str(chip.complaint())
+
+
+def test_values_that_the_documents_forbid_complain() -> None:
+    chip = Chip()
+    chip.write(0x30, 0xE0)  # AD: bit 3 must be 1
+    assert "must be 1" in str(chip.complaint())
+    chip = Chip()
+    chip.write(0x20, 0x72)
+    chip.write(0x22, 0x01)
+    assert "FAST_ODR" in str(chip.complaint())
+
+
+def test_a_soft_reset_takes_its_time_and_brings_reset_values(chip: Chip) -> None:
+    before = chip.get(MAG, ON | 0, 64)
+    chip.run()
+    chip.write(0x05, 0x01, 0x02)
+    chip.write(0x21, 0x24)
+    assert chip.call("peek", 0x21) == 0x24
+    chip.wait(1)
+    assert chip.get(MAG, ON | 0, 64) == before
+    assert chip.next_event() == 2**64 - 1
+
+
+def test_a_reboot_clears_its_bit_and_keeps_the_registers() -> None:
+    chip = Chip(startup_ns=10 * MS)
+    chip.wait(10)
+    chip.run()
+    chip.write(0x21, 0x48)
+    before = chip.samples()
+    chip.wait(9)
+    assert chip.read(0x21) == 0x48
+    assert chip.samples() == before
+    chip.wait(2)
+    assert (chip.read(0x21), chip.read(0x22)) == (0x40, 0x00)
+    chip.wait(100)
+    assert chip.samples() > before
+    assert chip.complaint() is None
+    chip.write(0x21, 0x48)
+    chip.write(0x20, 0x10)
+    assert "during a reset" in str(chip.complaint())
+
+
+@pytest.mark.parametrize(
+    ("code", "hz"),
+    list(enumerate([0.625, 1.25, 2.5, 5, 10, 20, 40, 80])),  # AD
+)
+def test_rates(chip: Chip, code: int, hz: float) -> None:
+    chip.run(ctrl1=0x60 | code << 2)
+    times = chip.times(5)
+    assert times[-1] - times[0] == pytest.approx(4e9 / hz, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("om", "hz", "first_us"),
+    # AD: by performance mode; AN table 8: start-up
+    [(0, 1000, 1200), (1, 560, 1910), (2, 300, 3480), (3, 155, 6650)],
+)
+def test_fast_rates_are_those_of_the_mode(
+    chip: Chip, om: int, hz: float, first_us: float
+) -> None:
+    chip.run(ctrl1=om << 5 | 0x02)
+    start = chip.now[0]
+    times = chip.times(5)
+    assert times[0] - start == pytest.approx(first_us * 1e3, abs=5e3)
+    assert times[-1] - times[0] == pytest.approx(4e9 / hz, abs=2)
+
+
+def test_low_power_has_the_slowest_rate(chip: Chip) -> None:
+    chip.run()
+    chip.write(0x22, 0x20)
+    first, second = chip.times(2)
+    assert second - first == 1600 * MS
+
+
+@pytest.mark.parametrize("ctrl3", [0x02, 0x03])  # DS table 28: both are power-down
+def test_power_down_stops_it(chip: Chip, ctrl3: int) -> None:
+    chip.wait(1000)
+    assert chip.samples() == 0  # as it is after power-up
+    chip.run()
+    chip.wait(100)
+    chip.write(0x22, ctrl3)
+    before = chip.samples()
+    chip.wait(1000)
+    assert chip.samples() == before
+
+
+@pytest.mark.parametrize(("om", "us"), [(0, 1200), (3, 6650)])  # AN table 8
+def test_a_single_measurement_is_one(chip: Chip, om: int, us: float) -> None:
+    chip.write(0x20, om << 5 | 0x10)
+    chip.write(0x22, 0x01)
+    start = chip.now[0]
+    assert chip.sample() - start == pytest.approx(us * 1e3, abs=5e3)
+    assert chip.read(0x22) == 0x03
+    chip.wait(1000)
+    assert chip.samples() == 1
+    chip.write(0x22, 0x01)
+    chip.wait(1000)
+    assert chip.samples() == 2
+
+
+@pytest.mark.parametrize("ppm", [-30_000.0, 30_000.0])
+def test_a_rate_error_adds_up_without_drift(ppm: float) -> None:
+    chip = Chip(rate_error_ppm=ppm)
+    chip.run()
+    times = chip.times(801)
+    period = (times[-1] - times[0]) / 800
+    assert period == pytest.approx(1e9 / 80 / (1 + ppm * 1e-6), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("fs", "per_gauss"),
+    [(0, 6842), (1, 3421), (2, 2281), (3, 1711)],  # DS table 3
+)
+def test_counts_over_the_ranges(chip: Chip, fs: int, per_gauss: int) -> None:
+    one = 100 / per_gauss  # uT
+    chip.run(ctrl2=fs << 5)
+    chip.hold(mag=(20_000 * one, -10_000.4 * one, 40_000 * one))
+    chip.sample()
+    assert chip.counts() == [20_000, -10_000, 32_767]
+    chip.hold(mag=(-40_000 * one, 0.6 * one, 0.0))
+    chip.sample()
+    assert chip.counts() == [-32_768, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("axes", "counts"), [((1, 2, 3), (10, 20, 30)), ((-2, 1, -3), (-20, 10, -30))]
+)
+def test_its_axes_on_the_board_are_a_choice(
+    axes: tuple[int, int, int], counts: tuple[int, int, int]
+) -> None:
+    chip = Chip(axes=axes)
+    chip.run()
+    one = 100 / 6842
+    chip.hold(mag=(10 * one, 20 * one, 30 * one))
+    chip.sample()
+    assert tuple(chip.counts()) == counts
+
+
+def test_offset_registers_are_subtracted(chip: Chip) -> None:
+    chip.run()
+    chip.write(0x05, 0x10, 0x00, 0xF0, 0xFF, 0x00, 0x01)
+    chip.hold(mag=(0, 0, 0))
+    chip.sample()
+    assert chip.counts() == [-16, 16, -256]  # AN
+
+
+@pytest.mark.parametrize(("om", "hz"), [(0, 1000), (1, 560), (2, 300), (3, 155)])
+def test_the_field_is_that_of_as_long_as_a_measurement_takes(
+    om: int, hz: float
+) -> None:
+    motion, asked = recorder(lib.CHIP_MAG)
+    chip = Chip(motion=motion)
+    chip.run(ctrl1=om << 5 | 0x1C)
+    now = chip.sample()
+    assert asked == [(now - round(1e9 / hz), now)]
+
+
+@pytest.mark.parametrize(
+    ("celsius", "counts"), [(25.0, 0), (26.0, 8), (-40.0, -520), (85.0, 480)]
+)
+def test_temperature_in_eighths_of_a_degree(
+    chip: Chip, celsius: float, counts: int
+) -> None:
+    chip.call("set_temperature", celsius)
+    chip.run()
+    chip.sample()
+    assert chip.words(0x2E, 1) == [counts]  # DS table 4; AN 6
+
+
+def test_temperature_stands_without_its_enable_bit(chip: Chip) -> None:
+    chip.call("set_temperature", 40.0)
+    chip.run(ctrl1=0x7C)
+    chip.sample()
+    assert chip.words(0x2E, 1) == [0]
+
+
+def test_bytes_can_be_big_endian(chip: Chip) -> None:
+    chip.run()
+    chip.write(0x23, 0x0E)  # DS CTRL_REG4: BLE
+    chip.hold(mag=(0x1234 * 100 / 6842, 0, 0))
+    chip.sample()
+    assert chip.get(MAG, ON | 0x28, 2) == [0x12, 0x34]

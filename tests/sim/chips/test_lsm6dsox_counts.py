@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: MIT
+"""The model of the LSM6DSOX against the manufacturer's documents: sample clock, filters
+and counts.
+
+Numbers are typed from the data sheets of the LSM6DSO32, DocID032891 rev 1 (DS), and of
+the LSM6DSO, DS12140 rev 2 (SO), from AN5040 (AN), Adafruit's library (AD) and ST's
+driver for Qualcomm's hubs (QC), not taken from the model.
+"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sim.chips.lsm6dsox_desk import (
+    ACC,
+    GYR,
+    HZ,
+    IMU,
+    PLACES,
+    Chip,
+    every_sensor,
+    recorder,
+)
+from sim.chips.sensor_desk import GRAVITY, MS
+
+
+@every_sensor
+@pytest.mark.parametrize("code", range(1, 11))
+def test_rates_are_halves_of_6667_hz(chip: Chip, quantity: int, code: int) -> None:
+    chip.run(quantity, code=code)
+    times = chip.times(quantity, 20)
+    assert times[-1] - times[0] == pytest.approx(19e9 / HZ[code - 1], abs=1)
+    # DS tables 44 and 48 name them so.
+    named = [12.5, 26, 52, 104, 208, 416, 833, 1660, 3330, 6660][code - 1]
+    assert HZ[code - 1] == pytest.approx(named, rel=0.05)
+
+
+@pytest.mark.parametrize(("ctrl6", "hz"), [(0x10, 6667 / 4096), (0x00, 6667 / 512)])
+def test_code_11_of_the_accelerometer_is_1_6_hz_in_low_power_alone(
+    chip: Chip, ctrl6: int, hz: float
+) -> None:
+    chip.write(0x15, ctrl6)
+    chip.run(ACC, code=11)
+    times = chip.times(ACC, 4)
+    assert times[-1] - times[0] == pytest.approx(3e9 / hz, abs=1)
+
+
+def test_all_is_off_after_power_up(chip: Chip) -> None:
+    assert chip.next_event() == 2**64 - 1
+    chip.wait(1000)
+    assert chip.read(0x1E) == 0
+
+
+@every_sensor
+def test_power_down_stops_a_sensor_and_keeps_its_last_sample(
+    chip: Chip, quantity: int
+) -> None:
+    chip.hold(gyr=(1, 1, 1), acc=(1, 1, 1))
+    chip.run(quantity)
+    chip.settle(quantity)
+    chip.write(PLACES[quantity][2], 0x00)
+    before = chip.samples(quantity)
+    chip.wait(1000)
+    assert chip.samples(quantity) == before
+    assert 0 not in chip.counts(quantity)
+
+
+def test_sleep_stops_the_gyroscope_alone(chip: Chip) -> None:
+    chip.run(GYR)
+    chip.run(ACC)
+    chip.wait(100)
+    chip.write(0x13, 0x40)  # DS CTRL4_C: SLEEP_G
+    before = [chip.samples(q) for q in (GYR, ACC)]
+    chip.wait(1000)
+    taken = [chip.samples(q) - b for q, b in zip((GYR, ACC), before, strict=True)]
+    assert taken == [0, pytest.approx(208, abs=2)]
+
+
+def test_both_sensors_sample_on_one_grid(chip: Chip) -> None:
+    chip.run(ACC)
+    chip.wait(13.7)
+    chip.run(GYR)
+    for _ in range(5):
+        assert chip.sample(GYR) == chip.sample(GYR) - round(1e9 / HZ[4])
+        assert chip.next_event() - chip.now[0] > 1 * MS  # nothing else on the way
+    chip.run(GYR, code=6)
+    fast = set(chip.times(GYR, 20))
+    assert {chip.sample(ACC) + round(k * 1e9 / HZ[5]) for k in range(-4, 0)} & fast
+
+
+@pytest.mark.parametrize("ppm", [-30_000.0, 250.0, 30_000.0])
+def test_a_rate_error_adds_up_without_drift(ppm: float) -> None:
+    chip = Chip(rate_error_ppm=ppm)
+    chip.run(GYR, code=6)
+    times = chip.times(GYR, 8_001)
+    period = (times[-1] - times[0]) / 8_000
+    assert period == pytest.approx(1e9 / HZ[5] / (1 + ppm * 1e-6), abs=0.01)
+
+
+def test_warmth_changes_the_rate_and_no_sample_jumps() -> None:
+    chip = Chip(rate_ppm_per_c=-200.0)
+    chip.run(GYR)
+    cold = chip.times(GYR, 100)
+    chip.call("set_temperature", 35.0)
+    warm = chip.times(GYR, 100)
+    assert cold[-1] - cold[0] == pytest.approx(99e9 / HZ[4], abs=1)
+    assert warm[-1] - warm[0] == pytest.approx(99e9 / HZ[4] / (1 - 2000e-6), abs=1)
+    assert warm[0] - cold[-1] == pytest.approx(1e9 / HZ[4], rel=0.003)
+
+
+@pytest.mark.parametrize(
+    ("low", "mdps"),
+    # DS and SO: G_So; the codes of DS table 47
+    [(0x02, 4.375), (0x00, 8.75), (0x04, 17.5), (0x08, 35.0), (0x0C, 70.0)],
+)
+def test_gyroscope_counts_over_the_ranges(chip: Chip, low: int, mdps: float) -> None:
+    one = math.radians(mdps * 1e-3)
+    chip.run(GYR, low=low)
+    chip.settle(GYR)
+    chip.hold(gyr=(20_000 * one, -10_000.4 * one, 40_000 * one))
+    chip.sample(GYR)
+    assert chip.counts(GYR) == [20_000, -10_000, 32_767]
+    chip.hold(gyr=(-40_000 * one, 0.6 * one, -0.4 * one))
+    chip.sample(GYR)
+    assert chip.counts(GYR) == [-32_768, 1, 0]
+
+
+def test_an_ism330dhcx_has_4000_dps() -> None:
+    chip = Chip(kind="ism330dhcx", gyr_turn_on_ns=0)
+    chip.run(GYR, low=0x01)
+    chip.settle(GYR)
+    chip.hold(gyr=(math.radians(3500), 0, 0))
+    chip.sample(GYR)
+    assert chip.counts(GYR) == [25_000, 0, 0]  # AD: 140 mdps
+
+
+@pytest.mark.parametrize(
+    ("fs", "mg"),
+    [(0, 0.061), (1, 0.488), (2, 0.122), (3, 0.244)],  # AD: 2, 16, 4, 8 g
+)
+def test_accelerometer_counts_over_the_ranges(chip: Chip, fs: int, mg: float) -> None:
+    one = mg * 1e-3 * GRAVITY
+    chip.run(ACC, low=fs << 2)
+    chip.settle(ACC)
+    chip.hold(acc=(20_000 * one, -10_000.4 * one, 40_000 * one))
+    chip.sample(ACC)
+    assert chip.counts(ACC) == [20_000, -10_000, 32_767]
+    chip.hold(acc=(-40_000 * one, 0.6 * one, 0.0))
+    chip.sample(ACC)
+    assert chip.counts(ACC) == [-32_768, 1, 0]
+
+
+def test_examples_of_output_data_of_the_application_note(chip: Chip) -> None:
+    chip.run(ACC)
+    chip.settle(ACC)
+    chip.hold(acc=(0.35 * GRAVITY, -GRAVITY, GRAVITY))
+    chip.sample(ACC)
+    # AN table 17: 350 mg, -1 g and 1 g at 2 g, within two counts.
+    expected = [0x1669, 0xBFF7 - 0x10000, 0x4009]
+    assert chip.counts(ACC) == pytest.approx(expected, abs=2)
+    chip.run(GYR)
+    chip.settle(GYR)
+    chip.hold(gyr=(math.radians(100), math.radians(-200), 0))
+    chip.sample(GYR)
+    expected = [0x2CA4, 0xA6B7 - 0x10000, 0]  # AN table 18
+    assert chip.counts(GYR) == pytest.approx(expected, abs=2)
+
+
+@pytest.mark.parametrize(
+    ("code", "hz", "delay_ms"),
+    [(3, 16.6, 19.44), (4, 33.0, 9.72), (5, 66.8, 4.86), (6, 135.9, 2.46)],
+)
+def test_the_gyroscope_has_its_lpf2(code: int, hz: float, delay_ms: float) -> None:
+    motion, asked = recorder(GYR)
+    chip = Chip(motion=motion)
+    chip.run(GYR, code=code)
+    now = chip.sample(GYR)
+    half = round(0.5 * 0.443e9 / hz)  # DS table 18; QC: gyro_group_delay
+    middle = now - round(delay_ms * 1e6)
+    assert asked == [(middle - half, middle + half)]
+
+
+@pytest.mark.parametrize(
+    ("ftype", "hz", "degrees"),
+    # DS table 60 at 416 Hz; AN table 11: phase at 20 Hz, of the LSM6DSL, whole degrees
+    [(0, 136.6, 23), (1, 130.5, 25), (2, 120.3, 28), (3, 137.1, 21)],
+)
+def test_lpf1_of_the_gyroscope_is_behind_as_its_phase_says(
+    ftype: int, hz: float, degrees: float
+) -> None:
+    motion, asked = recorder(GYR)
+    chip = Chip(motion=motion)
+    chip.write(0x13, 0x02)  # DS CTRL4_C: LPF1_SEL_G
+    chip.write(0x15, ftype)
+    chip.run(GYR, code=6)
+    now = chip.sample(GYR)
+    ((start, end),) = asked
+    assert end - start == pytest.approx(0.443e9 / hz, abs=2)
+    delay_ms = (now - (start + end) / 2) * 1e-6
+    assert delay_ms * 20e-3 * 360 == pytest.approx(degrees, abs=2.5)
+
+
+@pytest.mark.parametrize(
+    ("code", "delay_ms"),
+    [(4, 7.22), (5, 3.74), (6, 1.93)],  # QC: accel_group_delay
+)
+def test_lpf1_of_the_accelerometer_has_half_the_rate(
+    code: int, delay_ms: float
+) -> None:
+    motion, asked = recorder(ACC)
+    chip = Chip(motion=motion)
+    chip.run(ACC, code=code)
+    now = chip.sample(ACC)
+    half = round(0.5 * 0.443e9 / (HZ[code - 1] / 2))
+    middle = now - round(delay_ms * 1e6)
+    assert asked == [(middle - half, middle + half)]
+
+
+@pytest.mark.parametrize(
+    ("hpcf", "share"),
+    list(enumerate([4, 10, 20, 45, 100, 200, 400, 800])),  # DS table 65
+)
+def test_lpf2_of_the_accelerometer_has_a_share_of_the_rate(
+    hpcf: int, share: int
+) -> None:
+    motion, asked = recorder(ACC)
+    chip = Chip(motion=motion)
+    chip.write(0x17, hpcf << 5)
+    chip.run(ACC, low=0x02)
+    chip.sample(ACC)
+    ((start, end),) = asked
+    assert end - start == pytest.approx(0.443e9 * share / HZ[4], abs=2)
+
+
+def test_lpf1_of_the_accelerometer_has_700_hz_in_normal_mode() -> None:
+    motion, asked = recorder(ACC)
+    chip = Chip(motion=motion)
+    chip.write(0x15, 0x10)
+    chip.run(ACC)
+    chip.sample(ACC)
+    ((start, end),) = asked
+    assert end - start == pytest.approx(0.443e9 / 700, abs=2)  # DS figure 17
+
+
+@every_sensor
+def test_recorded_motion_is_brought_to_the_rate_alone(quantity: int) -> None:
+    motion, asked = recorder(quantity)
+    chip = Chip(motion=motion, is_recorded=True)
+    chip.run(quantity)
+    now = chip.sample(quantity)
+    half = round(0.5e9 / HZ[4])
+    assert asked == [(now - half, now + half)]
+
+
+def test_the_gyroscope_needs_its_turn_on_time_and_some_samples() -> None:
+    chip = Chip(gyr_turn_on_ns=70 * MS)
+    chip.hold(gyr=(1, 1, 1))
+    chip.run(GYR)
+    chip.wait(69)
+    assert chip.counts(GYR) == [0, 0, 0]
+    right = round(math.degrees(1) / 8.75e-3)
+    seen = chip.seen(GYR, 0, 5)
+    assert seen == [right // 2] * 3 + [right] * 2  # AN table 15: discard 3
+    chip.write(0x13, 0x40)  # no turn-on time after sleep (AN 3.5), but AN table 15
+    chip.write(0x13, 0x00)
+    seen = chip.seen(GYR, 0, 5)
+    assert seen == [right // 2] * 3 + [right] * 2
+    chip.write(0x11, 0x00)
+    chip.run(GYR)
+    chip.sample(GYR)
+    assert chip.counts(GYR) == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("code", "low", "wrong"), [(2, 0, 0), (5, 0, 1), (5, 2, 2)])
+def test_the_first_samples_of_the_accelerometer_are_wrong(
+    chip: Chip, code: int, low: int, wrong: int
+) -> None:
+    chip.run(ACC, code=code, low=low)  # AN table 13
+    seen = chip.seen(ACC, 2, 4)
+    right = round(1000 / 0.061)
+    assert seen == pytest.approx([right / 2] * wrong + [right] * (4 - wrong), abs=1)
+
+
+@pytest.mark.parametrize(
+    ("celsius", "error", "counts"),
+    [(25, 0, 0), (26, 0, 256), (-40, 0, -16_640), (85, 0, 15_360), (25, -7.5, -1920)],
+)
+def test_temperature_has_256_counts_a_degree(
+    celsius: float, error: float, counts: int
+) -> None:
+    chip = Chip(temperature_c=celsius, temperature_error_c=error)
+    chip.run(ACC)
+    chip.wait(30)  # DS table 5: 52 Hz
+    data = bytes(chip.get(IMU, 0x20, 2))
+    assert int.from_bytes(data, "little", signed=True) == counts
+
+
+@pytest.mark.parametrize(("weight", "step"), [(0x00, 2**-10), (0x08, 2**-6)])
+def test_user_offsets_are_subtracted_where_they_are_on(
+    chip: Chip, weight: int, step: float
+) -> None:
+    chip.hold(acc=(0, 0, 0))
+    chip.write(0x15, weight)  # DS CTRL6_C: USR_OFF_W
+    chip.write(0x73, 0x10, 0xF0, 0x01)
+    chip.run(ACC)
+    chip.settle(ACC)
+    assert chip.counts(ACC) == [0, 0, 0]
+    chip.write(0x16, 0x02)  # DS CTRL7_G: USR_OFF_ON_OUT
+    chip.sample(ACC)
+    expected = [-16, 16, -1]
+    assert chip.counts(ACC) == [round(n * step / 61e-6) for n in expected]
