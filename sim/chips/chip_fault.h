@@ -11,7 +11,7 @@ enum chip_fault_kind {
     CHIP_FAULT_NO_DATA_READY,   // takes no samples, gives no interrupts
     CHIP_FAULT_WRONG_WHO_AM_I,  // answers `value`
     // MPU-9250: nobody answers at 0x0C, on either bus. LSM9DS0: the magnetometer
-    // measures nothing.
+    // measures nothing. LIS3MDL: it answers no more.
     CHIP_FAULT_NO_MAG,
     CHIP_FAULT_GYR_SELF_TEST,  // a tenth of the gyroscope's self-test response
     CHIP_FAULT_ACC_SELF_TEST,  // a tenth of the accelerometer's

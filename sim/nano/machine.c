@@ -143,12 +143,12 @@ void machine_press(struct machine *machine, bool is_down) {
 
 // The sensor
 
-static avr_cycle_count_t on_chip_event(avr_t *avr, avr_cycle_count_t when,
-                                       void *param) {
+static avr_cycle_count_t on_module_event(avr_t *avr, avr_cycle_count_t when,
+                                         void *param) {
     (void)avr;
     struct machine *machine = param;
-    mpu9250_chip_advance(machine->chip, machine_ns(when));
-    const bool is_high = mpu9250_chip_int_is_high(machine->chip);
+    module_advance(machine->module, machine_ns(when));
+    const bool is_high = module_pin_is_high(machine->module);
     if (is_high != machine->int0_is_high) {
         machine->int0_is_high = is_high;
         if (is_high && machine->on_data_ready != NULL) {
@@ -156,7 +156,7 @@ static avr_cycle_count_t on_chip_event(avr_t *avr, avr_cycle_count_t when,
         }
         set_pin_d(machine, MACHINE_PIN_INT0, is_high);
     }
-    const uint64_t next = mpu9250_chip_next_event(machine->chip);
+    const uint64_t next = module_next_event(machine->module);
     if (next == UINT64_MAX) {
         return 0;
     }
@@ -164,15 +164,15 @@ static avr_cycle_count_t on_chip_event(avr_t *avr, avr_cycle_count_t when,
     return at > when ? at : when + 1;
 }
 
-void machine_follow_chip(struct machine *machine) {
+void machine_follow_module(struct machine *machine) {
     avr_t *avr = machine->avr;
-    if (machine->chip == NULL) {
+    if (machine->module == NULL) {
         return;
     }
-    const uint64_t next = on_chip_event(avr, avr->cycle, machine);
-    avr_cycle_timer_cancel(avr, on_chip_event, machine);
+    const uint64_t next = on_module_event(avr, avr->cycle, machine);
+    avr_cycle_timer_cancel(avr, on_module_event, machine);
     if (next != 0) {
-        avr_cycle_timer_register(avr, next - avr->cycle, on_chip_event, machine);
+        avr_cycle_timer_register(avr, next - avr->cycle, on_module_event, machine);
     }
 }
 
@@ -216,7 +216,7 @@ static void after_reset(struct machine *machine, uint8_t cause) {
     set_pin_d(machine, MACHINE_PIN_INT0, machine->int0_is_high);
     set_pin_d(machine, MACHINE_PIN_BUTTON, !machine->button_is_down);
     if (machine_fixes(machine, FIX_WATCHDOG_RESET)) {
-        machine_follow_chip(machine);
+        machine_follow_module(machine);
     }
 }
 
@@ -236,7 +236,7 @@ void machine_reset(struct machine *machine, enum machine_reset cause) {
             avr->data[i] = (uint8_t)machine_random(machine);
         }
         paint_stack(machine);
-        mpu9250_chip_power_cycle(machine->chip, machine_ns(avr->cycle));
+        module_power_cycle(machine->module, machine_ns(avr->cycle));
     }
     avr_reset(avr);
     machine->resets++;
@@ -285,7 +285,7 @@ static void quiet_uart(struct machine *machine) {
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
 }
 
-bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t seed,
+bool machine_init(struct machine *machine, struct module *module, uint64_t seed,
                   uint32_t without) {
     avr_global_logger_set(keep_quiet);
     avr_t *avr = avr_make_mcu_by_name("atmega328p");
@@ -294,7 +294,7 @@ bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t s
     }
     memset(machine, 0, sizeof *machine);
     machine->avr = avr;
-    machine->chip = chip;
+    machine->module = module;
     machine->without = without;
     machine->seed = seed * UINT64_C(0x9E3779B97F4A7C15) + UINT64_C(0x6A09E667F3BCC909);
     machine->clock_start = MACHINE_NEVER;
@@ -321,7 +321,7 @@ bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t s
     eeprom_init(machine);
     watchdog_init(machine);
     after_reset(machine, MACHINE_POWER_ON);
-    machine_follow_chip(machine);
+    machine_follow_module(machine);
     return true;
 }
 

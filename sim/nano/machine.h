@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "chips/mpu9250.h"
+#include "chips/module.h"
 #include "run/line.h"
 
 enum {
@@ -184,7 +184,7 @@ struct machine_watch {
 
 struct machine {
     struct avr_t *avr;
-    struct mpu9250_chip *chip;
+    struct module *module;
     uint32_t without;  // bits of machine_fix: corrections left out
     uint64_t seed;
 
@@ -222,8 +222,8 @@ struct machine {
 };
 
 // Makes the machine and switches power on. False where libsimavr has no such processor.
-// The chip stays the caller's.
-bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t seed,
+// The module stays the caller's.
+bool machine_init(struct machine *machine, struct module *module, uint64_t seed,
                   uint32_t without);
 void machine_free(struct machine *machine);
 void machine_load(struct machine *machine, const uint8_t *code, size_t size,
@@ -257,8 +257,8 @@ void machine_complain(struct machine *machine, const char *what);
 void machine_poll_interrupts(struct machine *machine);
 // The processor stands still for some cycles.
 void machine_stall(struct machine *machine, unsigned cycles);
-// The chip may have changed: follows its pin and schedules its next event.
-void machine_follow_chip(struct machine *machine);
+// The module may have changed: follows its pin and schedules its next event.
+void machine_follow_module(struct machine *machine);
 void machine_take(struct machine *machine, uint16_t address, avr_io_write_t write,
                   avr_io_read_t read, struct machine_hook *hook);
 uint32_t machine_random(struct machine *machine);

@@ -18,16 +18,17 @@
 static const char usage_text[] =
     "usage: nano" RUN_OPTIONS "            [--profile FILE [--parts FILE]]"
     " [--bootloader FILE.hex]\n"
+    "            [--sensor mpu9250|lsm6dsox]\n"
     "       nano --self-test [--without NAME]\n"
     "       nano --version\n";
 
 static struct nano {
     struct run run;
     struct machine machine;
-    struct mpu9250_chip *chip;
+    struct module *module;
     struct image image;
     struct follow follow;
-    const char *bootloader;
+    const char *bootloader, *sensor;
 } nano;
 
 // Callbacks of the machine
@@ -53,14 +54,15 @@ static int power_up(void *self, struct run *run) {
     struct nano *board = self;
     struct machine *machine = &board->machine;
     const struct run_options *options = &run->options;
-    struct mpu9250_chip_config config = mpu9250_chip_defaults();
+    struct module_config config = {.name = board->sensor};
     if (options->motion != NULL) {
         config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
         config.motion = motion_mean;
         config.context = &run->motion;
     }
-    board->chip = mpu9250_chip_new(&config);
-    if (board->chip == NULL || !machine_init(machine, board->chip, options->seed, 0)) {
+    board->module = module_new(&config);
+    if (board->module == NULL ||
+        !machine_init(machine, board->module, options->seed, 0)) {
         return run_complain(run, "libsimavr", "has no atmega328p");
     }
     machine->context = run;
@@ -120,7 +122,7 @@ static void suffer(void *self, const struct fault *fault) {
 }
 
 static bool add_chip_fault(void *self, const struct chip_fault *fault) {
-    return i2c_slave_add_fault(mpu9250_chip_wire(((struct nano *)self)->chip), fault);
+    return module_add_fault(((struct nano *)self)->module, fault);
 }
 
 static void cut_memory(void *self) {
@@ -143,12 +145,12 @@ static void report(void *self, struct run_report *out) {
         .resets = machine->resets,
         .memory_writes = machine->eeprom.writes,
         .uart_overruns = machine->uart.overruns,
-        .bus_transactions = mpu9250_chip_transactions(board->chip),
+        .bus_transactions = module_transactions(board->module),
         .stack = machine_stack_deepest(machine),
         .flash = board->image.flash,
         .ram = board->image.ram,
         .firmware_complaint = machine->complaint,
-        .sensor_complaint = mpu9250_chip_complaint(board->chip),
+        .sensor_complaint = module_complaint(board->module),
         .crash = machine->is_stuck ? "sleeps with interrupts off" : "crashed",
         .pc = machine_pc(machine),
         .sp = machine_sp(machine),
@@ -180,8 +182,18 @@ static struct profile_time profile_now(const void *self) {
     return follow_time(&((const struct nano *)self)->machine);
 }
 
-static const struct run_path paths[] = {{"--bootloader", &nano.bootloader},
-                                        {NULL, NULL}};
+static const char *check(const void *self) {
+    return module_is_known(((const struct nano *)self)->sensor)
+               ? NULL
+               : "--sensor is mpu9250 or lsm6dsox";
+}
+
+static const struct fault_kinds *fault_kinds(const void *self) {
+    return faults_of_module(((const struct nano *)self)->sensor);
+}
+
+static const struct run_path paths[] = {
+    {"--bootloader", &nano.bootloader}, {"--sensor", &nano.sensor}, {NULL, NULL}};
 
 static const struct run_board board_nano = {
     .name = "nano",
@@ -189,10 +201,11 @@ static const struct run_board board_nano = {
     .version = NANO_VERSION,
     .ticks_per_us = MACHINE_CYCLES_PER_US,
     .code_size = FOLLOW_FLASH_BYTES,
-    .fault_kinds = {.no_mag = "no_ak8963", .has_aux_bus = true},
+    .fault_kinds = fault_kinds,
     .memory = "is no EEPROM of 1024 bytes",
     .paths = paths,
     .command = command,
+    .check = check,
     .power_up = power_up,
     .run = run_until,
     .now = now,
@@ -218,6 +231,6 @@ int main(int argc, char **argv) {
     if (nano.machine.avr != NULL) {
         machine_free(&nano.machine);
     }
-    mpu9250_chip_free(nano.chip);
+    module_free(nano.module);
     return code;
 }

@@ -24,7 +24,7 @@ enum {
 // One program on one machine, and its results.
 struct bench {
     struct machine machine;
-    struct mpu9250_chip *chip;
+    struct module *module;
     uint64_t byte_cycles[BYTES_MAX];
     unsigned bytes;
     char found[200];
@@ -41,11 +41,10 @@ static void on_byte(void *context, uint64_t cycle, uint8_t byte) {
 static bool set_up(struct bench *bench, enum probe probe, uint32_t without,
                    uint64_t seed) {
     memset(bench, 0, sizeof *bench);
-    struct mpu9250_chip_config config = mpu9250_chip_defaults();
-    config.startup_ns = 0;
-    bench->chip = mpu9250_chip_new(&config);
-    if (bench->chip == NULL ||
-        !machine_init(&bench->machine, bench->chip, seed, without)) {
+    const struct module_config config = {.starts_at_once = true};
+    bench->module = module_new(&config);
+    if (bench->module == NULL ||
+        !machine_init(&bench->machine, bench->module, seed, without)) {
         abort();  // no memory, or no such processor in the library
     }
     bench->machine.context = bench;
@@ -61,7 +60,7 @@ static bool set_up(struct bench *bench, enum probe probe, uint32_t without,
 
 static void tear_down(struct bench *bench) {
     machine_free(&bench->machine);
-    mpu9250_chip_free(bench->chip);
+    module_free(bench->module);
 }
 
 static unsigned result(const struct bench *bench, unsigned index) {
@@ -140,7 +139,7 @@ static bool check_twi_flag(struct bench *bench) {
 
 static void hold_sda(struct bench *bench, uint8_t clocks) {
     const struct chip_fault fault = {.kind = CHIP_FAULT_STUCK_SDA, .clocks = clocks};
-    (void)i2c_slave_add_fault(mpu9250_chip_wire(bench->chip), &fault);
+    (void)module_add_fault(bench->module, &fault);
 }
 
 // 22.9.2, TWSTA: a START waits for a free bus.

@@ -39,13 +39,13 @@ static unsigned bit_cycles(const avr_t *avr) {
            ((2U * avr->data[REG_TWBR]) << (2U * (avr->data[REG_TWSR] & PRESCALER)));
 }
 
-static struct i2c_slave *wire(const struct machine *machine) {
-    return mpu9250_chip_wire(machine->chip);
+static struct i2c_bus *bus(const struct machine *machine) {
+    return module_bus(machine->module);
 }
 
 static bool is_held(struct machine *machine) {
-    return machine->chip != NULL &&
-           i2c_slave_holds_sda(wire(machine), machine_ns(machine_now(machine)));
+    return machine->module != NULL &&
+           i2c_bus_holds_sda(bus(machine), machine_ns(machine_now(machine)));
 }
 
 static void set_status(struct machine *machine, uint8_t status) {
@@ -71,8 +71,8 @@ static void finish_address(struct machine *machine, uint64_t ns, uint8_t byte) {
     struct machine_twi *twi = &machine->twi;
     twi->is_addressing = false;
     twi->is_reading = (byte & 1) != 0;
-    const bool ack = machine->chip != NULL &&
-                     i2c_slave_start(wire(machine), ns, byte >> 1, twi->is_reading);
+    const bool ack = machine->module != NULL &&
+                     i2c_bus_start(bus(machine), ns, byte >> 1, twi->is_reading);
     if (is_held(machine)) {
         lose(machine);  // a one was sent, a zero seen
     } else if (twi->is_reading) {
@@ -84,7 +84,7 @@ static void finish_address(struct machine *machine, uint64_t ns, uint8_t byte) {
 
 static void finish_reading(struct machine *machine, uint64_t ns, uint8_t *byte) {
     const bool ack = (machine->avr->data[REG_TWCR] & TWEA) != 0;
-    *byte = machine->chip != NULL ? i2c_slave_read(wire(machine), ns, ack) : 0xFF;
+    *byte = machine->module != NULL ? i2c_bus_read(bus(machine), ns, ack) : 0xFF;
     if (!ack && is_held(machine)) {
         lose(machine);  // the NACK did not get through
     } else {
@@ -93,7 +93,7 @@ static void finish_reading(struct machine *machine, uint64_t ns, uint8_t *byte) 
 }
 
 static void finish_writing(struct machine *machine, uint64_t ns, uint8_t byte) {
-    const bool ack = machine->chip != NULL && i2c_slave_write(wire(machine), ns, byte);
+    const bool ack = machine->module != NULL && i2c_bus_write(bus(machine), ns, byte);
     const bool held = is_held(machine);
     if (held && byte != 0) {
         lose(machine);
@@ -112,7 +112,7 @@ static void finish_byte(struct machine *machine, uint64_t when) {
     } else {
         finish_writing(machine, ns, *data);
     }
-    machine_follow_chip(machine);
+    machine_follow_module(machine);
 }
 
 static avr_cycle_count_t on_twi(avr_t *avr, avr_cycle_count_t when, void *param);
@@ -142,9 +142,9 @@ static avr_cycle_count_t on_twi(avr_t *avr, avr_cycle_count_t when, void *param)
         if (is_held(machine)) {
             return when + HELD_RETRY_CYCLES;  // SDA can't rise
         }
-        if (machine->chip != NULL) {
-            i2c_slave_stop(wire(machine), machine_ns(when));
-            machine_follow_chip(machine);
+        if (machine->module != NULL) {
+            i2c_bus_stop(bus(machine), machine_ns(when));
+            machine_follow_module(machine);
         }
         if (machine->on_bus != NULL) {
             machine->on_bus(machine->context, false);
@@ -249,24 +249,24 @@ static void on_stock_message(avr_irq_t *irq, uint32_t value, void *param) {
     avr_irq_t *input =
         avr_io_getirq(machine->avr, AVR_IOCTL_TWI_GETIRQ('0'), TWI_IRQ_INPUT);
     if (message.u.twi.msg & TWI_COND_STOP) {
-        i2c_slave_stop(wire(machine), ns);
+        i2c_bus_stop(bus(machine), ns);
     }
     if (message.u.twi.msg & TWI_COND_START) {
         const uint8_t address = (uint8_t)message.u.twi.addr;
-        if (i2c_slave_start(wire(machine), ns, address >> 1, (address & 1) != 0)) {
+        if (i2c_bus_start(bus(machine), ns, address >> 1, (address & 1) != 0)) {
             avr_raise_irq(input, avr_twi_irq_msg(TWI_COND_ACK, address, 1));
         }
     } else if (message.u.twi.msg & TWI_COND_WRITE) {
-        if (i2c_slave_write(wire(machine), ns, (uint8_t)message.u.twi.data)) {
+        if (i2c_bus_write(bus(machine), ns, (uint8_t)message.u.twi.data)) {
             avr_raise_irq(
                 input, avr_twi_irq_msg(TWI_COND_ACK, (uint8_t)message.u.twi.addr, 1));
         }
     } else if (message.u.twi.msg & TWI_COND_READ) {
-        const uint8_t byte = i2c_slave_read(wire(machine), ns, true);
+        const uint8_t byte = i2c_bus_read(bus(machine), ns, true);
         avr_raise_irq(
             input, avr_twi_irq_msg(TWI_COND_READ, (uint8_t)message.u.twi.addr, byte));
     }
-    machine_follow_chip(machine);
+    machine_follow_module(machine);
 }
 
 void twi_init(struct machine *machine) {
@@ -306,22 +306,22 @@ static void follow_lines(struct machine *machine) {
     const avr_t *avr = machine->avr;
     const uint64_t ns = machine_ns(machine_now(machine));
     const bool scl = !pulls_down(avr, PIN_SCL);
-    if (machine->chip == NULL) {
+    if (machine->module == NULL) {
         return;
     }
     if (scl && !machine->scl_was_high) {
-        i2c_slave_scl_pulse(wire(machine), ns);
+        i2c_bus_scl_pulse(bus(machine), ns);
     }
     const bool sda = !pulls_down(avr, PIN_SDA) && !is_held(machine);
     if (scl && machine->scl_was_high && sda && !machine->sda_was_high) {
-        i2c_slave_stop(wire(machine), ns);  // SDA rises while SCL is high
+        i2c_bus_stop(bus(machine), ns);  // SDA rises while SCL is high
         if (machine->on_bus != NULL) {
             machine->on_bus(machine->context, false);
         }
     }
     machine->scl_was_high = scl;
     machine->sda_was_high = sda;
-    machine_follow_chip(machine);
+    machine_follow_module(machine);
 }
 
 static void write_portc(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "chips/mpu9250.h"
+#include "chips/module.h"
 #include "run/line.h"
 #include "run/run.h"
 
@@ -35,10 +35,10 @@ struct machine {
 
 struct pico {
     struct machine machine;
-    struct mpu9250_chip *sensor;
+    struct module *module;
     struct run *run;
     struct line line;
-    const char *wire, *ready, *rom;
+    const char *wire, *ready, *rom, *sensor;
     uint64_t now_ns, pause_ns, free_ns;  // free: when the line may start its next byte
     bool is_ready_high, has_ready_wire;
     uint64_t resets, writes, overruns, asleep_ns;
@@ -52,6 +52,7 @@ static struct run the_run;
 
 static const char usage_text[] =
     "usage: pico" RUN_OPTIONS "            [--wire usb|uart] [--ready wire|none]\n"
+    "            [--sensor mpu9250|lsm6dsox]\n"
     "       pico --version\n"
     "--eeprom is what survives power: all of flash, over which the image is put\n"
     "--wire is which of its two ports the host has: usb, unless told otherwise\n"
@@ -66,8 +67,8 @@ static uint64_t at(double ns) {
     return the_pico.now_ns;
 }
 
-static struct i2c_slave *wire(void) {
-    return mpu9250_chip_wire(the_pico.sensor);
+static struct i2c_bus *bus(void) {
+    return module_bus(the_pico.module);
 }
 
 EXPORT uint8_t *pico_flash(void) {
@@ -77,29 +78,29 @@ EXPORT uint8_t *pico_flash(void) {
 // The wire of the sensor: START with an address, bytes, STOP. True is an ACK.
 EXPORT bool pico_start(double ns, int address, bool is_read) {
     run_on_bus(the_pico.run, true);
-    return i2c_slave_start(wire(), at(ns), (uint8_t)address, is_read);
+    return i2c_bus_start(bus(), at(ns), (uint8_t)address, is_read);
 }
 
 EXPORT bool pico_put(double ns, int byte) {
-    return i2c_slave_write(wire(), at(ns), (uint8_t)byte);
+    return i2c_bus_write(bus(), at(ns), (uint8_t)byte);
 }
 
 EXPORT int pico_get(double ns, bool ack) {
-    return i2c_slave_read(wire(), at(ns), ack);
+    return i2c_bus_read(bus(), at(ns), ack);
 }
 
 EXPORT void pico_stop(double ns) {
-    i2c_slave_stop(wire(), at(ns));
+    i2c_bus_stop(bus(), at(ns));
     run_on_bus(the_pico.run, false);
 }
 
 // The lines, worked by hand.
 EXPORT bool pico_holds_sda(double ns) {
-    return i2c_slave_holds_sda(wire(), at(ns));
+    return i2c_bus_holds_sda(bus(), at(ns));
 }
 
 EXPORT void pico_clock(double ns) {
-    i2c_slave_scl_pulse(wire(), at(ns));
+    i2c_bus_scl_pulse(bus(), at(ns));
 }
 
 // A byte has left the board.
@@ -148,8 +149,8 @@ EXPORT void pico_complain(const char *text) {
 EXPORT bool pico_advance(double ns) {
     struct pico *pico = &the_pico;
     const uint64_t now = at(ns);
-    mpu9250_chip_advance(pico->sensor, now);
-    const bool is_high = mpu9250_chip_int_is_high(pico->sensor);
+    module_advance(pico->module, now);
+    const bool is_high = module_pin_is_high(pico->module);
     if (is_high && !pico->is_ready_high) {
         run_on_data_ready(pico->run);
     }
@@ -173,7 +174,7 @@ static uint64_t most(uint64_t a, uint64_t b) {
 // When pico_advance() has something to do next.
 EXPORT double pico_next(void) {
     const struct pico *pico = &the_pico;
-    uint64_t next = least(mpu9250_chip_next_event(pico->sensor), pico->pause_ns);
+    uint64_t next = least(module_next_event(pico->module), pico->pause_ns);
     if (pico->line.count > 0) {
         next = least(next, most(line_next(&pico->line), pico->free_ns));
     }
@@ -237,14 +238,14 @@ static int power_up(void *self, struct run *run) {
     pico->run = run;
     pico->pause_ns = RUN_NEVER;
     pico->has_ready_wire = pico->ready == NULL || strcmp(pico->ready, "wire") == 0;
-    struct mpu9250_chip_config config = mpu9250_chip_defaults();
+    struct module_config config = {.name = pico->sensor};
     if (run->options.motion != NULL) {
         config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
         config.motion = motion_mean;
         config.context = &run->motion;
     }
-    pico->sensor = mpu9250_chip_new(&config);
-    if (pico->sensor == NULL) {
+    pico->module = module_new(&config);
+    if (pico->module == NULL) {
         return run_complain(run, "the sensor", "does not fit into memory");
     }
     memset(pico->flash, 0xFF, sizeof pico->flash);
@@ -306,7 +307,7 @@ static void suffer(void *self, const struct fault *fault) {
 }
 
 static bool add_chip_fault(void *self, const struct chip_fault *fault) {
-    return i2c_slave_add_fault(mpu9250_chip_wire(((struct pico *)self)->sensor), fault);
+    return module_add_fault(((struct pico *)self)->module, fault);
 }
 
 static void cut_memory(void *self) {
@@ -329,18 +330,29 @@ static void report(void *self, struct run_report *out) {
         .resets = pico->resets,
         .memory_writes = pico->writes,
         .uart_overruns = pico->overruns,
-        .bus_transactions = mpu9250_chip_transactions(pico->sensor),
+        .bus_transactions = module_transactions(pico->module),
         .stack = pico->stack,
         .flash = pico->flash_bytes,
         .firmware_complaint = pico->complaint[0] != '\0' ? pico->complaint : NULL,
-        .sensor_complaint = mpu9250_chip_complaint(pico->sensor),
+        .sensor_complaint = module_complaint(pico->module),
     };
+}
+
+static const char *check(const void *self) {
+    return module_is_known(((const struct pico *)self)->sensor)
+               ? NULL
+               : "--sensor is mpu9250 or lsm6dsox";
+}
+
+static const struct fault_kinds *fault_kinds(const void *self) {
+    return faults_of_module(((const struct pico *)self)->sensor);
 }
 
 static const struct run_path own_paths[] = {
     {"--wire", &the_pico.wire},
     {"--ready", &the_pico.ready},
     {"--rom", &the_pico.rom},
+    {"--sensor", &the_pico.sensor},
     {NULL, NULL},
 };
 
@@ -349,9 +361,10 @@ static const struct run_board board_pico = {
     .usage = usage_text,
     .version = PICO_VERSION,
     .ticks_per_us = 1000,
-    .fault_kinds = {.no_mag = "no_ak8963", .has_aux_bus = true},
+    .fault_kinds = fault_kinds,
     .memory = "is no flash of 2097152 bytes",
     .paths = own_paths,
+    .check = check,
     .power_up = power_up,
     .run = run_until,
     .now = now,

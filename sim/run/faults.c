@@ -262,6 +262,13 @@ static bool parse(struct faults *faults, const char *text) {
     return are_few(faults, FAULT_CARD, "card") && are_few(faults, FAULT_RADIO, "radio");
 }
 
+const struct fault_kinds *faults_of_module(const char *name) {
+    static const struct fault_kinds mpu9250 = {.no_mag = "no_ak8963",
+                                               .has_aux_bus = true};
+    static const struct fault_kinds lsm6dsox = {.no_mag = "no_mag", .has_dies = true};
+    return name != NULL && strcmp(name, "lsm6dsox") == 0 ? &lsm6dsox : &mpu9250;
+}
+
 bool faults_load(struct faults *faults, const char *path,
                  const struct fault_kinds *kinds) {
     memset(faults, 0, sizeof *faults);

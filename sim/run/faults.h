@@ -12,7 +12,8 @@
 //   no_data_ready    no samples, no interrupts
 //   wrong_who_am_i   answers `value`
 //   no_ak8963        MPU-9250: the magnetometer's die is missing
-//   no_mag           LSM9DS0: the magnetometer measures nothing
+//   no_mag           LSM9DS0: the magnetometer measures nothing. LIS3MDL: it answers
+//                    no more
 //   gyr_self_test, acc_self_test   a tenth of the response
 //   frozen           data ready goes on, the numbers stand still
 //   register_flip    register `reg` becomes `value`, once
@@ -20,7 +21,9 @@
 //   mag_hung         MPU-9250: the AK8963 holds its bus, until `clocks` SCL pulses
 //                    through the bypass (default: for ever)
 // LSM9DS0: nack, no_data_ready, wrong_who_am_i, frozen and register_flip are of both
-// dies, or of the `die` 1 (G) or 2 (XM).
+// dies, or of the `die` 1 (G) or 2 (XM). LSM6DSOX and LIS3MDL: the same, and
+// sensor_brown_out, 1 being the LSM6DSOX and 2 the LIS3MDL; stuck_sda is of the first
+// unless it is of die 2.
 // kind of the board (at_us):
 //   reset            the reset button
 //   brown_out        a dip of the supply: resets processor and sensor, SRAM is lost
@@ -128,6 +131,9 @@ struct faults {
     unsigned count;
     char problem[160];
 };
+
+// Of a board with one of the modules of chips/module.h.
+const struct fault_kinds *faults_of_module(const char *name);
 
 // Reads the file. False with the reason and place in `problem`.
 bool faults_load(struct faults *faults, const char *path,

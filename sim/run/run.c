@@ -273,8 +273,8 @@ static int open_now(struct run *run) {
 
 static int set_up(struct run *run) {
     const struct run_options *options = &run->options;
-    if (options->faults != NULL &&
-        !faults_load(&run->faults, options->faults, &run->board->fault_kinds)) {
+    if (options->faults != NULL && !faults_load(&run->faults, options->faults,
+                                                run->board->fault_kinds(run->self))) {
         return run_complain(run, options->faults, run->faults.problem);
     }
     if (options->motion != NULL) {

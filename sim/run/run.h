@@ -66,7 +66,7 @@ struct run_board {
     const char *usage;
     const char *version;
     uint64_t ticks_per_us;
-    struct fault_kinds fault_kinds;
+    const struct fault_kinds *(*fault_kinds)(const void *self);
     const char *memory;  // the message where --eeprom has the wrong size
     // Options of this board alone that take a path or a word; ends with a null name.
     // May be null.

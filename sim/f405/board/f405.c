@@ -290,6 +290,19 @@ static const struct fault_kind own_faults[] = {
     {"radio_reset", FAULT_RADIO, RADIO_RESET},
 };
 
+static const struct fault_kinds *fault_kinds(const void *self) {
+    static const struct fault_kinds kinds = {
+        .no_mag = "no_mag",
+        .card = f405_card_faults,
+        .card_count = F405_CARD_FAULTS,
+        .has_dies = true,
+        .own = own_faults,
+        .own_count = sizeof own_faults / sizeof *own_faults,
+    };
+    (void)self;
+    return &kinds;
+}
+
 static const struct run_board board_f405 = {
     .name = "f405",
     .usage = usage_text,
@@ -297,15 +310,7 @@ static const struct run_board board_f405 = {
     .ticks_per_us = F405_PS_PER_US,
     .code_start = F405_FLASH,
     .code_size = F405_FLASH_SIZE,
-    .fault_kinds =
-        {
-            .no_mag = "no_mag",
-            .card = f405_card_faults,
-            .card_count = F405_CARD_FAULTS,
-            .has_dies = true,
-            .own = own_faults,
-            .own_count = sizeof own_faults / sizeof *own_faults,
-        },
+    .fault_kinds = fault_kinds,
     .memory = "is no flash of 1048576 bytes",
     .paths = own_paths,
     .check = check,
