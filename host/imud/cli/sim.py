@@ -198,8 +198,9 @@ def _add_module(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--module",
         metavar="MODULE",
-        help="the errors of its sensor: shop (as bought, drawn by --seed), calibrated, "
-        "or a file (docs/calibration.md)",
+        help="the errors of its sensor: shop (an MPU-9250 as bought, drawn by --seed), "
+        "lsm6dsox (the pair by its data sheets), calibrated, or a file "
+        "(docs/calibration.md)",
     )
     parser.add_argument(
         "--hand",

@@ -20,6 +20,10 @@ from imud.virtual.motion import GRAVITY_M_S2, Motion, join
 # Five records a sample of the chip at 200 Hz: its averaging sees a smooth motion.
 HAND_RATE_HZ = 1000.0
 
+# The simulated MPU-9250 averages over 0.443/f seconds, as its low-pass does. Noise goes
+# in stronger by as much, so that it comes out as the data sheet says.
+NOISE_WINDOW_S = 0.443 / 92.0
+
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
@@ -36,29 +40,20 @@ class SensorErrors:
     gyr_offset_dps: float = 3.0
     acc_offset_mg: float = 60.0
     mag_offset_ut: float = 0.0  # of a calibrated magnetometer
+    # Over which each averages. The AK8963 measures one instant.
+    windows_s: tuple[float, float, float] = (NOISE_WINDOW_S, NOISE_WINDOW_S, 0.0)
 
     def noise(self, rate_hz: float) -> FloatArray:
         """Of records at this rate, SI units (uT): a row for each sensor."""
-        averaged = math.sqrt(max(1.0, NOISE_WINDOW_S * rate_hz))
-        noise = np.array(
-            [
-                [self.gyr_noise_dps * averaged],
-                [self.acc_noise_mg * averaged],
-                # The AK8963 measures one instant: no averaging.
-                [self.mag_noise_ut],
-            ]
-        )
-        return np.asarray(noise * SI)
+        noise = np.array([self.gyr_noise_dps, self.acc_noise_mg, self.mag_noise_ut])
+        averaged = np.sqrt(np.maximum(1.0, rate_hz * np.array(self.windows_s)))
+        return np.asarray((noise * averaged)[:, None] * SI)
 
 
 # One deg/s, mg and uT, as rows.
 SI = np.array([[math.radians(1.0)], [GRAVITY_M_S2 / 1000.0], [1.0]])
 
 NO_ERRORS = SensorErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-# The simulated chip averages over 0.443/f seconds, as its low-pass does. Noise goes in
-# stronger by as much, so that it comes out as the data sheet says.
-NOISE_WINDOW_S = 0.443 / 92.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,10 +94,28 @@ def test_shop_modules_are_as_bad_as_bought_ones() -> None:
     assert 1.9 < np.abs(rate).max() <= 2.0
 
 
+def test_the_pair_is_as_bad_as_its_documents_allow() -> None:
+    drawn = [modules.pair(np.random.default_rng(seed)) for seed in range(200)]
+    bias = np.array([each.acc_bias for each in drawn]) / MG
+    assert bias.std() == pytest.approx(20.0, abs=2.0)
+    rate = np.degrees([each.gyr_bias for each in drawn])
+    assert 0.9 < np.abs(rate).max() <= 1.0
+    own = np.array([each.mag_bias for each in drawn])
+    assert 95.0 < np.abs(own).max() <= 100.0
+    # 3.8 mdps, 80 ug in the root of a Hz, 3.5 mgauss: in records that are averaged.
+    noise = drawn[0].noise.noise(1000.0)[:, 0]
+    averaged = noise / np.sqrt([6.63, 4.25, 6.45])
+    expected = [math.radians(3.8e-3 * 66.8**0.5), 80e-3 * 104.2**0.5 * MG, 0.35]
+    assert averaged == pytest.approx(expected, rel=0.001)
+
+
 def test_names_give_modules_and_seeds_repeat_them() -> None:
     shop = [modules.named("shop", seed).acc_bias for seed in (1, 1, 2)]
     assert np.array_equal(shop[0], shop[1])
     assert not np.array_equal(shop[0], shop[2])
+    pair = [modules.named("lsm6dsox", seed).acc_bias for seed in (1, 1, 2)]
+    assert np.array_equal(pair[0], pair[1])
+    assert not np.array_equal(pair[0], pair[2])
     assert np.array_equal(modules.named("calibrated", 1).mag, np.eye(3))
 
 
@@ -141,7 +159,9 @@ def test_a_file_that_is_none_is_refused_on_one_line(
 
 
 def test_a_name_that_is_no_file_says_what_there_is() -> None:
-    with pytest.raises(FileError, match="there are shop, calibrated, or a file"):
+    with pytest.raises(
+        FileError, match="there are shop, lsm6dsox, calibrated, or a file"
+    ):
         modules.named("best", 1)
 
 
