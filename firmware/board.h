@@ -32,7 +32,8 @@ bool board_unique_id(uint8_t id[8]);
 // Some unpredictable bits, for an id where the silicon has none.
 uint16_t board_entropy(void);
 
-// The sensor soldered to this board, and its bus for set-up (not while sampling).
+// The sensor of this board (the first that is tried), and its bus for set-up (not while
+// sampling).
 extern const IN_FLASH struct sensor_driver board_sensor;
 extern const IN_FLASH struct bus_device board_bus;
 // Frees a held bus by clocking it, then a STOP. BUS_OK when both lines are high.

@@ -18,11 +18,21 @@ LSM9DS0 = desk.identity_of(
     kind=lib.SENSOR_LSM9DS0,
     rate_hz=lib.LSM9DS0_RATE_HZ,
     gyr_delay_us=lib.LSM9DS0_GYR_DELAY_US,
+    mag_lag_us=lib.LSM9DS0_MAG_LAG_US,
     gyr_lsb_nrad_s=1221730,
     acc_lsb_nm_s2=7178468,
     mag_lsb_pt=8000,
 )
 SAMPLES = scene(tumble(8, 200, 4), 200, seed=4).samples(MPU9250)
+LSM6DSOX = desk.identity_of(
+    kind=lib.SENSOR_LSM6DSOX,
+    rate_hz=lib.LSM6DSOX_RATE_HZ,
+    gyr_delay_us=lib.LSM6DSOX_GYR_DELAY_US,
+    mag_lag_us=lib.ADAFRUIT_4517_MAG_LAG_US,
+    gyr_lsb_nrad_s=1221730,
+    acc_lsb_nm_s2=4785645,
+    mag_lsb_pt=14616,
+)
 KINDS = range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1)
 NULL = -(2**15)
 

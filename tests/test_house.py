@@ -391,7 +391,9 @@ def flags_of(compiler):
     if compiler in processor:
         words = command(PROCESSORS[processor[compiler]])
         return [word for word in words if not str(word).startswith("-D")]
-    return [compiler, "-std=gnu11", "-O2", *WARNINGS, "-Wvla", "-I", FIRMWARE]
+    # Without -fno-pie constants that hold addresses would be written at load time.
+    flags = ("-std=gnu11", "-O2", "-fno-pie", "-Wvla")
+    return [compiler, *flags, *WARNINGS, "-I", FIRMWARE]
 
 
 @pytest.mark.parametrize("path", CORE_SOURCES, ids=identified)

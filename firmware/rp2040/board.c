@@ -3,6 +3,7 @@
 // supply, sleep.
 #include "../board.h"
 
+#include "core/drivers/adafruit_4517.h"
 #include "core/drivers/mpu9250.h"
 #include "core/wire/messages.h"
 #include "flash.h"
@@ -27,9 +28,13 @@ enum {
 
 extern uint32_t __StackBottom;  // of the linker script
 
-// The sensor of this board: an MPU-9250 with its address pin low.
+// The sensor of this board: an MPU-9250 with its address pin low, or else a module of
+// two chips, which have other addresses.
+static struct joined module = {.config = &adafruit_4517};
+static const struct sensor_driver pair = JOINED_DRIVER(&module);
 static struct mpu9250 chip;
-const IN_FLASH struct sensor_driver board_sensor = MPU9250_DRIVER(&chip);
+const IN_FLASH struct sensor_driver board_sensor =
+    MPU9250_DRIVER(&chip, .or_else = &pair);
 
 // From the bottom to where this function's own begins.
 static void paint_stack(void) {

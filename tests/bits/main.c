@@ -5,8 +5,7 @@
 #include <string.h>
 
 #include "board.h"
-#include "core/drivers/lsm9ds0.h"
-#include "core/drivers/mpu9250.h"
+#include "core/drivers/delays.h"
 #include "core/fusion/pose.h"
 #include "core/params/store.h"
 #include "core/probe/probe.h"
@@ -95,12 +94,13 @@ static void take_hello(uint8_t length) {
     identity = (struct sensor_identity){
         .kind = hello.sensor,
         .rate_hz = hello.sample_rate,
-        .gyr_delay_us = hello.sensor == SENSOR_LSM9DS0 ? LSM9DS0_GYR_DELAY_US
-                                                       : MPU9250_GYR_DELAY_US,
         .gyr_lsb_nrad_s = hello.gyr_lsb,
         .acc_lsb_nm_s2 = hello.acc_lsb,
         .mag_lsb_pt = hello.mag_lsb,
     };
+    if (!delays_of_kind(&identity)) {
+        return;
+    }
     put_in_force(hello.params_digest);
     has_sensor = pose_begin(&tracker, &params.calibration, &identity, hello.filter);
     use_own();

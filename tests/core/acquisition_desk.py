@@ -21,6 +21,7 @@ class Board:
     def __init__(self) -> None:
         self.bench = Bench()
         self.calls: list[str] = []
+        self.bursts = BURSTS
         self.setup_results = [lib.SENSOR_BUSY, lib.SENSOR_OK]
         self.check_result = lib.SENSOR_BUSY
         self.recovered = lib.BUS_OK
@@ -83,7 +84,7 @@ class Board:
 
     def _start(self, bursts: Any, count: int) -> None:
         found = [(b.address, b.reg, b.length) for b in bursts[0:count]]
-        assert found == BURSTS
+        assert found == self.bursts
         self.calls.append("start")
 
     def _take(self, out: Any) -> int:

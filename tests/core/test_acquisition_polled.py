@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from core.acquisition_desk import BURSTS, MILLISECOND, SILENCE_US, Board
+from core.acquisition_desk import BURSTS, MILLISECOND, RETRY_US, SILENCE_US, Board
 from core.desk import ffi, lib
+from core.probe_bench import MPU9250, callbacks
 
 STATUS = (0x68, 0x3A, 0x01)
 PERIOD_US = 5000
@@ -44,7 +45,7 @@ class Asked(Board):
             data[0] = int(newest > self.taken and not self.is_silent)
             self.taken = newest
         else:
-            assert (address, reg, length) in BURSTS
+            assert (address, reg, length) in self.bursts
             data[0] = 0
         return int(lib.BUS_OK)
 
@@ -131,3 +132,101 @@ def test_a_sensor_that_says_nothing_is_set_up_again_and_asked() -> None:
     assert not board.is_faulty
     assert board.c.is_polled
     assert board.calls == ["stop", "recover", "begin"]
+
+
+class Choice(Asked):
+    """Its sensor may be another, which answers at an address of its own."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.other_results: list[int] = []
+        self._other_kept = callbacks(
+            "struct sensor_driver",
+            check=self._check,
+            begin=lambda _: self.calls.append("begin other"),
+            setup=lambda *_: (self.other_results or [lib.SENSOR_OK]).pop(0),
+            parse=self._parse,
+        )
+        self.other_identity = ffi.new("struct sensor_identity *", MPU9250[0])
+        self.other_identity.kind = lib.SENSOR_LSM6DSOX
+        self._other = ffi.new(
+            "struct sensor_driver *",
+            self._other_kept
+            | {
+                "identity": self.other_identity,
+                "bursts": self._bursts,
+                "bursts_count": len(BURSTS),
+                "ready": self._ready,
+            },
+        )
+        self._driver.or_else = self._other
+        self.setup_results = [lib.SENSOR_BUS_NACK]
+
+    @property
+    def sensor(self) -> int:
+        """As the last hello names it."""
+        return int(self.bench.of("hello")[-1].fields["sensor"])
+
+    @property
+    def faults(self) -> list[tuple[int, int, int]]:
+        return [e for e in self.bench.events() if e[0] == lib.EVENT_BUS_FAULT]
+
+
+def test_where_the_first_sensor_does_not_answer_another_is_set_up() -> None:
+    board = Choice()
+    board.other_results = [lib.SENSOR_BUSY, lib.SENSOR_OK]
+    for _ in range(3):
+        board.step()
+    assert board.calls == ["begin", "begin other", "start"]
+    assert board.faults == []
+    assert board.c.phase == lib.ACQUISITION_SAMPLING
+    assert board.sensor == lib.SENSOR_LSM6DSOX
+
+
+def test_where_neither_answers_that_is_told_and_the_first_is_tried_again() -> None:
+    board = Choice()
+    board.other_results = [lib.SENSOR_BUS_NACK]
+    board.step()
+    board.step()
+    assert board.faults == [(lib.EVENT_BUS_FAULT, lib.CAUSE_NACK, 0)]
+    board.calls.clear()
+    board.setup_results = [lib.SENSOR_OK]
+    board.step(RETRY_US)
+    board.step()
+    assert board.calls == ["begin", "start"]
+    assert board.sensor == lib.SENSOR_MPU9250
+
+
+@pytest.mark.parametrize("result", ["BUS_STUCK", "BUS_TIMEOUT", "STUCK", "WRONG_CHIP"])
+def test_a_sensor_that_is_there_and_fails_is_not_given_up_for_another(result) -> None:
+    board = Choice()
+    board.setup_results = [getattr(lib, f"SENSOR_{result}"), lib.SENSOR_OK]
+    board.step()
+    board.step(RETRY_US)
+    board.step()
+    assert "begin other" not in board.calls
+    assert board.sensor == lib.SENSOR_MPU9250
+
+
+def test_a_sensor_that_was_there_is_waited_for_without_trying_another() -> None:
+    board = Choice()
+    board.other_results = [lib.SENSOR_OK]
+    board.step()
+    board.step()
+    board.calls.clear()
+    board.step(SILENCE_US)  # asked from now on
+    board.is_silent = True
+    board.run(0.2)
+    board.other_results = [lib.SENSOR_BUS_NACK, lib.SENSOR_OK]
+    board.run(0.6)
+    assert set(board.calls) <= {"begin other", "stop", "recover", "start"}
+    assert board.calls.count("begin other") >= 2
+
+
+def test_a_burst_of_no_length_ends_those_of_a_sample() -> None:
+    board = Asked()
+    board._bursts[1].length = 0
+    board.bursts = BURSTS[:1]
+    board.sampling()
+    board.run(0.3)
+    assert board.samples > 30

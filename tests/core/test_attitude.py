@@ -29,7 +29,7 @@ from length import examples
 
 # Of a sensor, as its driver gives them.
 IDENTITY = (
-    *("kind", "rate_hz", "gyr_delay_us"),
+    *("kind", "rate_hz", "gyr_delay_us", "mag_lag_us"),
     *("gyr_lsb_nrad_s", "acc_lsb_nm_s2", "mag_lsb_pt"),
 )
 KINDS = {
@@ -144,8 +144,8 @@ def poses(library: Any, name: str) -> tuple[Array, Array, Array]:
     orientations and qualities of its filter alone.
     """
     own, c = library
-    # Of the two chips, the one whose magnetometer's lag is set apart.
-    known = desk.identity_of(kind=lib.SENSOR_LSM9DS0)
+    # One whose magnetometer's lag is set apart.
+    known = desk.identity_of(kind=lib.SENSOR_LSM9DS0, mag_lag_us=1000)
     fields = {field: getattr(known, field) for field in IDENTITY}
     identity = own.new("struct sensor_identity *", fields)
     calibration = own.new("struct calibration *")

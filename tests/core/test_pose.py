@@ -68,11 +68,16 @@ def has(poses: desk.Array, flag: int) -> desk.Array:
 
 @pytest.mark.parametrize(
     ("kind", "lag_s"),
-    [(lib.SENSOR_MPU9250, 0.005), (lib.SENSOR_LSM9DS0, 0.001)],
+    [
+        (lib.SENSOR_MPU9250, 0.005),
+        (lib.SENSOR_LSM9DS0, 0.001),
+        (lib.SENSOR_LSM6DSOX, 0.005629),
+    ],
 )
 def test_the_lag_that_each_magnetometer_starts_from(kind, lag_s):
     tracker = Tracker()
     identity = desk.identity_of(kind=kind)
+    assert lib.delays_of_kind(identity)
     assert lib.pose_begin(tracker.c, desk.EXACT, identity, lib.FILTER_FUSE)
     lag_q35 = tracker.c.attitude.fuse.state.lag_s_q35
     assert lag_q35 / 2**35 == pytest.approx(lag_s, abs=1e-6)

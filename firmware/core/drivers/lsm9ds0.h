@@ -20,6 +20,9 @@ enum {
     // The document gives the low-pass a cut-off, 100 Hz, and no delay: this is that of
     // two poles (Butterworth, far below the cut-off), sqrt(2) / (2 pi 100 Hz).
     LSM9DS0_GYR_DELAY_US = 2251,
+    // It is read as soon as it has measured; how long that takes is not in the
+    // document.
+    LSM9DS0_MAG_LAG_US = 1000,
 };
 
 // How the board has it; stays as it is.

@@ -180,6 +180,7 @@ identify(struct lsm9ds0 *chip, const IN_FLASH struct bus_device *bus, uint16_t n
     identity->kind = SENSOR_LSM9DS0;
     identity->rate_hz = config->is_fast ? LSM9DS0_FAST_RATE_HZ : LSM9DS0_RATE_HZ;
     identity->gyr_delay_us = LSM9DS0_GYR_DELAY_US;
+    identity->mag_lag_us = LSM9DS0_MAG_LAG_US;
     identity->gyr_lsb_nrad_s = SENSOR_NANO_RAD(0.07);
     identity->acc_lsb_nm_s2 = SENSOR_NANO_G(0.000732);
     identity->mag_lsb_pt = 8000;  // 0.08 mgauss

@@ -55,12 +55,14 @@ enum sensor_result mpu9250_check(void *state,
 extern const struct sensor_ready mpu9250_ready;
 #endif
 
-// Initialiser of a struct sensor_driver over `chip`, a struct mpu9250.
-#define MPU9250_DRIVER(chip)                                                           \
+// Initialiser of a struct sensor_driver over `chip`, a struct mpu9250; further members
+// may follow.
+#define MPU9250_DRIVER(chip, ...)                                                      \
     {                                                                                  \
         .begin = mpu9250_begin, .setup = mpu9250_setup, .parse = mpu9250_parse,        \
         .check = mpu9250_check, .state = (chip), .identity = &(chip)->identity,        \
-        .bursts = (chip)->bursts, .bursts_count = 1, SENSOR_READY(&mpu9250_ready)      \
+        .bursts = (chip)->bursts, .bursts_count = 1,                                   \
+        SENSOR_READY(&mpu9250_ready) __VA_ARGS__                                       \
     }
 
 #endif

@@ -39,6 +39,7 @@ struct sensor_identity {
     uint8_t self_test;        // flags self_test of the protocol
     uint16_t rate_hz;         // samples a second
     uint16_t gyr_delay_us;    // of the rate behind the motion, by the chip's low-pass
+    uint16_t mag_lag_us;      // of a field behind its sample; 0: not known
     uint32_t acc_lsb_nm_s2;   // one count of the accelerometer, 1e-9 m/s2
     uint32_t gyr_lsb_nrad_s;  // one count of the gyroscope, 1e-9 rad/s
     uint32_t mag_lsb_pt;      // one count of the magnetometer, 1e-6 uT (picotesla)
@@ -76,13 +77,16 @@ struct sensor_driver {
     void *state;
     // Within the state, and constant once set-up is done: what the sensor is, and the
     // transfers that make one sample, at most SENSOR_BURSTS_MAX. Together these have
-    // BUS_BURST_MAX bytes at most.
+    // BUS_BURST_MAX bytes at most. One of length 0 ends them.
     const struct sensor_identity *identity;
     const struct bus_burst *bursts;
     uint8_t bursts_count;
 #ifndef ACQUISITION_WIRED_ONLY
     // For a board without a data-ready wire; null: the driver does not tell it yet.
     const struct sensor_ready *ready;
+    // The sensor that may be there in place of this one, where nobody answers; null:
+    // none is.
+    const struct sensor_driver *or_else;
 #endif
 };
 

@@ -7,10 +7,6 @@
 // A gap after which the orientation is found anew: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
-// Its magnetometer is read as soon as it has measured; how long that takes is not in
-// its data sheet.
-enum { LSM9DS0_MAG_LAG_US = 1000 };
-
 bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
                 const struct sensor_identity *identity, int32_t filter) {
     if (!attitude_has(filter)) {
@@ -23,9 +19,11 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
                   identity->gyr_delay_us);
     attitude_set_accuracy(&tracker->attitude, calibration);
-    if (identity->kind == SENSOR_LSM9DS0) {
-        attitude_set_mag_lag(&tracker->attitude, LSM9DS0_MAG_LAG_US);
+#ifndef POSE_WITHOUT_MAG_LAG
+    if (identity->mag_lag_us != 0) {
+        attitude_set_mag_lag(&tracker->attitude, identity->mag_lag_us);
     }
+#endif
     pose_place_begin(tracker);
     pose_set_origin(tracker, POSE_ORIGIN_NONE);
     tracker->latched_flags = 0;

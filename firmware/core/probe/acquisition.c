@@ -48,20 +48,44 @@ static const IN_FLASH uint8_t causes[] = {
     [-OUTCOME_MAG_STUCK] = CAUSE_MAG_STUCK, [-OUTCOME_SILENT] = CAUSE_NO_DATA_READY,
 };
 
+#ifdef ACQUISITION_WIRED_ONLY
+static const IN_FLASH struct sensor_driver *
+sensor_of(const struct acquisition *acquisition) {
+    return acquisition->port->sensor;
+}
+
+static uint8_t bursts_of(const IN_FLASH struct sensor_driver *sensor) {
+    return sensor->bursts_count;
+}
+#else
+static const struct sensor_driver *sensor_of(const struct acquisition *acquisition) {
+    return acquisition->sensor;
+}
+
+// One of length 0 ends them.
+static uint8_t bursts_of(const struct sensor_driver *sensor) {
+    uint8_t count = 0;
+    while (count < sensor->bursts_count && sensor->bursts[count].length > 0) {
+        ++count;
+    }
+    return count;
+}
+#endif
+
 // Not inline: two copies would take more of the AVR's flash.
 __attribute__((noinline)) static void start_sampling(struct acquisition *acquisition) {
-    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
 #ifndef ACQUISITION_WIRED_ONLY
     if (acquisition->is_polled) {
         polled_begin(&acquisition->polled, sensor->identity->rate_hz);
         return;
     }
 #endif
-    acquisition->port->start_sampling(sensor->bursts, sensor->bursts_count);
+    acquisition->port->start_sampling(sensor->bursts, bursts_of(sensor));
 }
 
 static void begin_setup(struct acquisition *acquisition) {
-    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     sensor->begin(sensor->state);
     acquisition->phase = ACQUISITION_SETUP;
     acquisition->failed = 0;
@@ -71,14 +95,20 @@ void acquisition_begin(struct acquisition *acquisition,
                        const IN_FLASH struct acquisition_port *port,
                        struct probe *probe) {
     *acquisition = (struct acquisition){.port = port, .probe = probe};
+#ifndef ACQUISITION_WIRED_ONLY
+    acquisition->sensor = port->sensor;
+#endif
     begin_setup(acquisition);
 }
 
 static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
-    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     const enum sensor_result result =
         sensor->setup(sensor->state, acquisition->port->bus, now_us);
     if (result == SENSOR_OK) {
+#ifndef ACQUISITION_WIRED_ONLY
+        acquisition->is_found = true;
+#endif
         start_sampling(acquisition);
         probe_sensor_ready(acquisition->probe, sensor->identity, now_us);
         acquisition->phase = ACQUISITION_SAMPLING;
@@ -90,11 +120,23 @@ static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
 }
 
 #ifndef ACQUISITION_WIRED_ONLY
+// Where nobody has answered, tries the sensor that may be there in its place; false
+// where that was the last one. No fault is told before.
+static bool tries_another(struct acquisition *acquisition) {
+    if (acquisition->is_found || acquisition->sensor->or_else == NULL) {
+        return false;
+    }
+    acquisition->sensor = acquisition->sensor->or_else;
+    begin_setup(acquisition);
+    return true;
+}
+
 // Asks the sensor, and reads its sample; as take_reading() of a board with the wire.
 static enum reading_result ask(struct acquisition *acquisition, struct reading *out) {
     const struct acquisition_port *port = acquisition->port;
     const struct bus_device *bus = port->bus;
-    const struct sensor_ready *ready = port->sensor->ready;
+    const struct sensor_driver *sensor = acquisition->sensor;
+    const struct sensor_ready *ready = sensor->ready;
     const uint32_t begun_us = port->time_us();
     if (polled_wait_us(&acquisition->polled, begun_us) > 0) {
         return READING_NONE;
@@ -113,8 +155,8 @@ static enum reading_result ask(struct acquisition *acquisition, struct reading *
         return READING_NONE;
     }
     uint8_t *bytes = out->bytes;
-    for (uint8_t i = 0; i < port->sensor->bursts_count; i++) {
-        const struct bus_burst *burst = &port->sensor->bursts[i];
+    for (uint8_t i = 0; i < bursts_of(sensor); i++) {
+        const struct bus_burst *burst = &sensor->bursts[i];
         result = bus->read(bus->port, burst->address, burst->reg, bytes, burst->length);
         if (result != BUS_OK) {
             return (enum reading_result)result;
@@ -129,7 +171,7 @@ static enum reading_result ask(struct acquisition *acquisition, struct reading *
 // No edge has come since boot: perhaps there is no wire. True: asked from now on.
 static bool goes_without_wire(struct acquisition *acquisition, uint32_t now_us) {
     if (acquisition->is_polled || acquisition->is_wired ||
-        acquisition->port->sensor->ready == NULL) {
+        acquisition->sensor->ready == NULL) {
         return false;
     }
     acquisition->port->stop_sampling();
@@ -168,7 +210,7 @@ take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now
     if (result != READING_OK) {
         return (enum outcome)result;
     }
-    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     sample->has_gap = acquisition->has_gap;
     if (!sensor->parse(sensor->state, reading.bytes, reading.time_us, sample)) {
         return OUTCOME_BUS_STUCK;
@@ -204,10 +246,10 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
         return OUTCOME_OK;
     }
     const IN_FLASH struct acquisition_port *port = acquisition->port;
+    const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     acquisition->unchecked = 0;
     port->stop_sampling();
-    const enum sensor_result result =
-        port->sensor->check(port->sensor->state, port->bus);
+    const enum sensor_result result = sensor->check(sensor->state, port->bus);
     start_sampling(acquisition);
     return (enum outcome)result;
 }
@@ -226,7 +268,7 @@ static void fail(struct acquisition *acquisition, enum outcome outcome,
     }
     uint16_t detail = acquisition->failed;
     if (!is_bus) {
-        const struct sensor_identity *identity = port->sensor->identity;
+        const struct sensor_identity *identity = sensor_of(acquisition)->identity;
         detail = (uint16_t)(identity->wrong_register * 256u + identity->who_am_i[0]);
     }
     uint8_t cause = causes[-outcome];
@@ -253,12 +295,22 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
     const uint32_t elapsed_us = now_us - acquisition->since_us;
     if (acquisition->phase == ACQUISITION_WAITING) {
         if (elapsed_us >= RETRY_US) {
+#ifndef ACQUISITION_WIRED_ONLY
+            if (!acquisition->is_found) {
+                acquisition->sensor = acquisition->port->sensor;
+            }
+#endif
             begin_setup(acquisition);
         }
         return false;
     }
     if (acquisition->phase == ACQUISITION_SETUP) {
         outcome = set_up(acquisition, now_us);
+#ifndef ACQUISITION_WIRED_ONLY
+        if (outcome == OUTCOME_NACK && tries_another(acquisition)) {
+            return false;
+        }
+#endif
     } else {
         outcome = take_sample(acquisition, &sample, now_us);
 #ifndef ACQUISITION_WIRED_ONLY

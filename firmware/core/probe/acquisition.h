@@ -30,8 +30,8 @@ struct reading {
 
 // What acquisition asks of a board; see board.h for each of the functions.
 struct acquisition_port {
-    const IN_FLASH struct sensor_driver *sensor;
-    const IN_FLASH struct bus_device *bus;  // for set-up, not while sampling
+    const IN_FLASH struct sensor_driver *sensor;  // the first that is tried
+    const IN_FLASH struct bus_device *bus;        // for set-up, not while sampling
     enum bus_result (*recover_bus)(void);
     void (*start_sampling)(const struct bus_burst *bursts, uint8_t count);
     void (*stop_sampling)(void);
@@ -50,6 +50,10 @@ enum acquisition_phase {
 struct acquisition {
     const IN_FLASH struct acquisition_port *port;
     struct probe *probe;
+#ifndef ACQUISITION_WIRED_ONLY
+    const struct sensor_driver *sensor;  // of the port's, that is tried or there
+    bool is_found;                       // it has been set up once: no other is tried
+#endif
     enum acquisition_phase phase;
     uint32_t since_us;   // start of the wait, or the last burst
     uint16_t sample_us;  // of the last sample, or the end of set-up; low 16 bits

@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0x1ae619deu
-#define SCHEMA_SEED 0x19deu  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xca827033u
+#define SCHEMA_SEED 0x7033u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -58,6 +58,7 @@ enum sensor {
     SENSOR_MPU9250 = 1,
     SENSOR_MPU6500 = 2,
     SENSOR_LSM9DS0 = 3,
+    SENSOR_LSM6DSOX = 4,
 };
 
 enum state {

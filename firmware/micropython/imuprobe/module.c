@@ -3,6 +3,7 @@
 // and received bytes in, bytes of frames out. docs/micropython.md explains its methods.
 #include <string.h>
 
+#include "core/drivers/delays.h"
 #include "core/probe/commands.h"
 #include "generic/identity.h"
 #include "object.h"
@@ -249,14 +250,15 @@ static MP_DEFINE_CONST_FUN_OBJ_1(acquire_obj, acquire);
 // sensor(kind, rate_hz, acc_lsb, gyr_lsb, mag_lsb, gyr_delay_us=0[, time_us]): a sensor
 // whose samples come by sample(). What one count is: 1e-9 m/s2, 1e-9 rad/s, 1e-6 uT.
 static mp_obj_t sensor(size_t n_args, const mp_obj_t *args) {
-    const struct sensor_identity identity = {
+    struct sensor_identity identity = {
         .kind = (uint8_t)mp_obj_get_int(args[1]),
         .rate_hz = small(mp_obj_get_int(args[2])),
         .acc_lsb_nm_s2 = (uint32_t)mp_obj_get_int(args[3]),
         .gyr_lsb_nrad_s = (uint32_t)mp_obj_get_int(args[4]),
         .mag_lsb_pt = (uint32_t)mp_obj_get_int(args[5]),
-        .gyr_delay_us = n_args > 6 ? small(mp_obj_get_int(args[6])) : 0,
     };
+    (void)delays_of_kind(&identity);
+    identity.gyr_delay_us = n_args > 6 ? small(mp_obj_get_int(args[6])) : 0;
     if (identity.rate_hz == 0) {
         mp_raise_ValueError(MP_ERROR_TEXT("rate_hz is 0"));
     }

@@ -13,7 +13,13 @@ from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, skipped
 from imud.journal.faults import OF_SENSOR, fault_words
 from imud.probes.self_test import SelfTestOutcome, follows_range
-from imud.probes.sensors import LSM9DS0, MPU6500, NINE_AXES, identity_words
+from imud.probes.sensors import (
+    LSM6DSOX,
+    LSM9DS0,
+    MPU6500,
+    NINE_AXES,
+    identity_words,
+)
 
 SELF_TEST_NORMAL = {
     "accelerometer": "50 to 150 % of the factory's response",
@@ -28,7 +34,9 @@ OF_OTHER_ROWS = ("registers", "mag_stuck", "mag_silent")
 
 BUS_FAULTS = 20  # more of them in a minute are not a loose contact
 
-SELF_TEST_LSM9DS0 = "a response within the data sheet's limits"
+# Of sensors whose driver judges it.
+SELF_TEST_BY_DRIVER = "a response within the data sheet's limits"
+BY_DRIVER = ("lsm9ds0", "lsm6dsox")
 
 
 def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
@@ -98,7 +106,7 @@ def _cure(evidence: Evidence, kind: tuple[str, str]) -> str:
 
 def _identity(evidence: Evidence) -> Row:
     hello = evidence.hello
-    normal = "MPU-9250 0x71, MPU-9255 0x73; LSM9DS0 0xD4"
+    normal = "MPU-9250 0x71, MPU-9255 0x73; LSM9DS0 0xD4; LSM6DSOX 0x6C"
     identity, second = hello.get("who_am_i") or (0, 0)
     if hello.get("sensor") == "none" or not identity:
         refused = [t for t in evidence.events if t.cause in OF_IDENTITY]
@@ -111,7 +119,8 @@ def _identity(evidence: Evidence) -> Row:
     measured = identity_words(identity)
     if hello["sensor"] == "lsm9ds0":
         measured = f"0x{identity:02X} (LSM9DS0)"
-    if identity in NINE_AXES or (hello["sensor"], identity) == ("lsm9ds0", LSM9DS0):
+    usual = {"lsm9ds0": {LSM9DS0}, "lsm6dsox": LSM6DSOX}
+    if identity in usual.get(hello["sensor"], NINE_AXES):
         return Row("inertial chip", measured, normal, RowVerdict.GOOD, "", numbers)
     advice = (
         "not an MPU-9250's identity: it behaves like one, but its limits may differ. "
@@ -154,7 +163,7 @@ def _self_test(evidence: Evidence) -> Iterator[Row]:
     verdicts = evidence.verdicts()
     if not verdicts:
         yield skipped("self-test", "passed", "the probe runs none")
-    is_lsm9ds0 = evidence.hello["sensor"] == "lsm9ds0"
+    is_by_driver = evidence.hello["sensor"] in BY_DRIVER
     for found in verdicts:
         outcome, advice = RowVerdict.GOOD, ""
         if found.outcome is SelfTestOutcome.FAILED:
@@ -172,7 +181,7 @@ def _self_test(evidence: Evidence) -> Iterator[Row]:
         yield Row(
             f"self-test {found.sensor}",
             found.result,
-            SELF_TEST_LSM9DS0 if is_lsm9ds0 else SELF_TEST_NORMAL[found.sensor],
+            SELF_TEST_BY_DRIVER if is_by_driver else SELF_TEST_NORMAL[found.sensor],
             outcome,
             advice,
             {

@@ -22,8 +22,8 @@ from imud.probes.self_test import AXES
 from imud.probes.sensors import LSM9DS0, NINE_AXES, missing_magnetometer
 
 NAME = "magnetometer"
-NORMAL = "AK8963 0x48; LSM9DS0 0x49"
-RATE_MIN_HZ = 40.0  # AK8963 and LSM9DS0 measure 100 times a second
+NORMAL = "AK8963 0x48; LSM9DS0 0x49; LIS3MDL 0x3D"
+RATE_MIN_HZ = 40.0  # AK8963 and LSM9DS0 measure 100 times a second, the LIS3MDL 80
 CALIBRATED_UT = 1.0  # params move the field by more
 
 

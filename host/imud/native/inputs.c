@@ -4,8 +4,7 @@
 // use.
 #include "inputs.h"
 
-#include "core/drivers/lsm9ds0.h"
-#include "core/drivers/mpu9250.h"
+#include "core/drivers/delays.h"
 #include "core/params/store.h"
 #include "core/storage/crc32.h"
 
@@ -27,20 +26,6 @@
         PyBuffer_Release(&view);                                                       \
     } while (0)
 
-// The delay of a sensor's rates, which no message carries; 0 for a kind of sensor
-// without a driver here.
-static uint16_t gyr_delay_of(uint8_t sensor) {
-    switch (sensor) {
-    case SENSOR_MPU9250:
-    case SENSOR_MPU6500:
-        return MPU9250_GYR_DELAY_US;
-    case SENSOR_LSM9DS0:
-        return LSM9DS0_GYR_DELAY_US;
-    default:
-        return 0;
-    }
-}
-
 static bool identity_of_hello(PyObject *content, struct sensor_identity *identity,
                               struct message_hello *hello) {
     struct message_header header;
@@ -50,7 +35,14 @@ static bool identity_of_hello(PyObject *content, struct sensor_identity *identit
         PyErr_SetString(PyExc_ValueError, "not the hello of a probe whose sensor runs");
         return false;
     }
-    if (gyr_delay_of(hello->sensor) == 0) {
+    *identity = (struct sensor_identity){
+        .kind = hello->sensor,
+        .rate_hz = hello->sample_rate,
+        .gyr_lsb_nrad_s = hello->gyr_lsb,
+        .acc_lsb_nm_s2 = hello->acc_lsb,
+        .mag_lsb_pt = hello->mag_lsb,
+    };
+    if (!delays_of_kind(identity)) {
         PyErr_Format(PyExc_ValueError, "sensor %d is not one that can be replayed",
                      hello->sensor);
         return false;
@@ -60,14 +52,6 @@ static bool identity_of_hello(PyObject *content, struct sensor_identity *identit
         PyErr_SetString(PyExc_ValueError, "its scales are beyond those of any sensor");
         return false;
     }
-    *identity = (struct sensor_identity){
-        .kind = hello->sensor,
-        .rate_hz = hello->sample_rate,
-        .gyr_delay_us = gyr_delay_of(hello->sensor),
-        .gyr_lsb_nrad_s = hello->gyr_lsb,
-        .acc_lsb_nm_s2 = hello->acc_lsb,
-        .mag_lsb_pt = hello->mag_lsb,
-    };
     return true;
 }
 

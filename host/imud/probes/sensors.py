@@ -11,11 +11,14 @@ from imud.probes.self_test import SelfTestOutcome, SensorVerdict
 
 Hello = Mapping[str, Any]  # fields of a hello, or that object of a status
 
-# Identities of InvenSense's family: Linux, drivers/iio/imu/inv_mpu6050/inv_mpu_iio.h.
+# Identities of InvenSense's family: Linux, drivers/iio/imu/inv_mpu6050/inv_mpu_iio.h;
+# of ST's: the register headers of its drivers.
 CHIPS = {
     0x11: "ICM-20600",
     0x12: "ICM-20602",
     0x68: "MPU-6050",
+    0x6B: "ISM330DHCX",
+    0x6C: "LSM6DSO or LSM6DSOX",
     0x70: "MPU-6500",
     0x71: "MPU-9250",
     0x73: "MPU-9255",
@@ -28,8 +31,14 @@ CHIPS = {
 NINE_AXES = frozenset({0x71, 0x73})  # with an AK8963 in the same package
 MPU6500 = 0x70
 LSM9DS0 = 0xD4  # of its gyroscope's half
+LSM6DSOX = frozenset({0x6B, 0x6C})  # and its relatives
 # What hello calls a sensor by its identity; another one is told beside it.
-_USUAL = {"mpu9250": NINE_AXES, "mpu6500": {MPU6500}, "lsm9ds0": {LSM9DS0}}
+_USUAL = {
+    "mpu9250": NINE_AXES,
+    "mpu6500": {MPU6500},
+    "lsm9ds0": {LSM9DS0},
+    "lsm6dsox": {0x6C},
+}
 
 # The flag that poses get from the host.
 SELF_TEST_FAILED = "self_test_failed"
@@ -76,6 +85,11 @@ def missing_magnetometer(hello: Hello) -> str:
     is_there = magnetic != 0 or identity == 0
     if sensor != "mpu6500" and is_there:
         return ""
+    if sensor == "lsm6dsox":
+        return (
+            "no LIS3MDL answers beside this sensor (at 0x1C or 0x1E), or it measures "
+            "nothing: no heading"
+        )
     if sensor == "lsm9ds0" or identity in NINE_AXES:
         chip = CHIPS.get(identity, "LSM9DS0")
         return (

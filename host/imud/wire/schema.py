@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0x1AE619DE
-SEED = 0x19DE  # of the CRC of all messages but hello
+FINGERPRINT = 0xCA827033
+SEED = 0x7033  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -29,6 +29,7 @@ class Sensor(IntEnum):
     MPU9250 = 1
     MPU6500 = 2
     LSM9DS0 = 3
+    LSM6DSOX = 4
 
 
 class State(IntEnum):

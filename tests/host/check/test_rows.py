@@ -177,6 +177,9 @@ def test_an_event_is_the_line_of_its_cause(
         ((0x70, 0), "mpu6500", {"inertial chip": LOOK, "magnetometer": FAULT}),
         ((0x71, 0), "mpu9250", {"magnetometer": FAULT}),
         ((0x75, 0x48), "mpu9250", {"inertial chip": LOOK}),
+        ((0x6C, 0x3D), "lsm6dsox", {}),
+        ((0x6B, 0x3D), "lsm6dsox", {}),
+        ((0x6C, 0), "lsm6dsox", {"magnetometer": FAULT}),
     ],
 )
 def test_a_chip_is_named_by_its_identity(

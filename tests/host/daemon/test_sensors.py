@@ -84,6 +84,12 @@ def output_of(chain: Chain, *names: str) -> str:
             "the magnetometer of this LSM9DS0 does not answer: no heading; switch the "
             "power off and on, else replace the module",
         ),
+        (hello_of("lsm6dsox", 0x6C, 0x3D), ""),
+        (
+            hello_of("lsm6dsox", 0x6C, 0),
+            "no LIS3MDL answers beside this sensor (at 0x1C or 0x1E), or it measures "
+            "nothing: no heading",
+        ),
         (
             hello_of("mpu6500", 0x74, 0),
             "no magnetometer in this module (it answers 0x74 (MPU-6515); an MPU-9250 "
@@ -107,6 +113,8 @@ def test_a_missing_magnetometer_is_explained(hello: dict[str, Any], words: str) 
     [
         (hello_of("mpu9250", 0x73, 0x48), "mpu9250"),
         (hello_of("mpu6500", 0x70, 0), "mpu6500"),
+        (hello_of("lsm6dsox", 0x6C, 0x3D), "lsm6dsox"),
+        (hello_of("lsm6dsox", 0x6B, 0x3D), "lsm6dsox, answers 0x6B (ISM330DHCX)"),
         (hello_of("mpu6500", 0x78, 0), "mpu6500, answers 0x78 (MPU-6880)"),
         (hello_of("mpu9250", 0x75, 0x48), "mpu9250, answers 0x75"),
     ],

@@ -10,7 +10,7 @@ from core import desk
 from core.desk import lib
 from core.scenes import scene, tumble
 from imud import _core
-from replay_bench import KINDS, LSM9DS0, SAMPLES, hello, poses, replayed
+from replay_bench import KINDS, LSM6DSOX, LSM9DS0, SAMPLES, hello, poses, replayed
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -19,14 +19,15 @@ def test_the_hellos_filter_is_replayed_to_the_last_bit(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_lsm9ds0_is_replayed_to_the_last_bit(kind):
-    rate_hz = LSM9DS0.rate_hz
-    rows = scene(tumble(8, rate_hz, 4), rate_hz, seed=4).samples(LSM9DS0)
-    replay = _core.Replay(hello(kind, LSM9DS0))
-    assert replayed(replay, rows) == poses(kind, rows, LSM9DS0)
+@pytest.mark.parametrize("identity", [LSM9DS0, LSM6DSOX], ids=["lsm9ds0", "lsm6dsox"])
+def test_other_sensors_are_replayed_to_the_last_bit(kind, identity):
+    rate_hz = identity.rate_hz
+    rows = scene(tumble(8, rate_hz, 4), rate_hz, seed=4).samples(identity)
+    replay = _core.Replay(hello(kind, identity))
+    assert replayed(replay, rows) == poses(kind, rows, identity)
 
 
-@pytest.mark.parametrize("sensor", [lib.SENSOR_NONE, lib.SENSOR_LSM9DS0 + 1, 255])
+@pytest.mark.parametrize("sensor", [lib.SENSOR_NONE, lib.SENSOR_LSM6DSOX + 1, 255])
 def test_a_hello_of_no_sensor_is_refused(sensor):
     unknown = desk.identity_of(kind=sensor)
     with pytest.raises(ValueError, match=f"sensor {sensor} is not one that can be"):

@@ -39,6 +39,7 @@ def variance(matrix: Any) -> float:
         ("mpu9250", 0.1, 8.0, 1.5),
         ("mpu6500", 0.1, 8.0, 1.5),
         ("lsm9ds0", 0.2, 12.0, 1.5),
+        ("lsm6dsox", 0.1, 5.0, 1.5),
     ],
 )
 def test_a_covariance_has_the_noise_of_the_chip_and_what_calibration_left(

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: MIT
+// See joined.h.
+#include "core/drivers/joined.h"
+
+#include <string.h>
+
+#include "core/math/fixed.h"
+
+enum {
+    MAG_TRIES = 3,           // of its set-up, before it is left out
+    MAG_SILENT_CHECKS = 5,   // of it, without a field
+    MAG_FAILURES_MAX = 127,  // all ones; in checks of it, four minutes
+};
+
+enum phase {
+    SET_UP_INERTIAL,
+    SET_UP_MAGNETIC,
+    CLEAR,  // reads a sample away, so that data-ready is low and rises with the next
+    DONE,
+};
+
+static void begin_part(struct part *part, const IN_FLASH struct part_chip *chip) {
+    part->chip = chip;
+    part_begin(part);
+}
+
+void joined_begin(void *state) {
+    struct joined *joined = state;
+    const IN_FLASH struct joined_config *config = joined->config;
+    joined->phase = SET_UP_INERTIAL;
+    joined->tries = 0;
+    joined->mag_age = 0;
+    joined->has_mag = false;
+    joined->identity = config->inertial->known;
+    joined->identity.mag_lsb_pt = config->magnetic->mag_lsb_pt;
+    joined->identity.mag_lag_us = config->mag_lag_us;
+    begin_part(&joined->inertial, config->inertial->chip);
+    begin_part(&joined->magnetic, config->magnetic->chip);
+}
+
+static enum sensor_result set_up_inertial(struct joined *joined,
+                                          const IN_FLASH struct bus_device *bus,
+                                          uint32_t now_us) {
+    struct part *part = &joined->inertial;
+    const enum sensor_result result = part_setup(part, bus, now_us);
+    joined->identity.who_am_i[0] = part->who_am_i;
+    joined->identity.wrong_register = part->wrong_register;
+    if (result != SENSOR_OK) {
+        return result;
+    }
+    joined->bursts[0] = joined->config->inertial->burst;
+    joined->bursts[0].address = part->address;
+    joined->ready = joined->config->inertial->ready;
+    joined->ready.address = part->address;
+    joined->phase = SET_UP_MAGNETIC;
+    return SENSOR_BUSY;
+}
+
+static void end_magnetic(struct joined *joined, bool has_mag) {
+    const struct part *part = &joined->magnetic;
+    joined->has_mag = has_mag;
+    joined->bursts[1] = joined->config->magnetic->burst;
+    joined->bursts[1].address = part->address;
+    joined->identity.self_test = joined->inertial.verdicts;
+    if (has_mag) {
+        joined->identity.who_am_i[1] = part->who_am_i;
+        joined->identity.self_test |= part->verdicts;
+        joined->mag_failures = 0;
+    } else {
+        joined->bursts[1].length = 0;
+        if (part->is_found) {
+            joined->identity.self_test |= SELF_TEST_MAG_FAILED;
+            joined->mag_failures = (joined->mag_failures * 2 + 1) & MAG_FAILURES_MAX;
+        }
+    }
+    joined->phase = CLEAR;
+}
+
+// Nobody there is no failure, and what fails here is tried again. A line that is held
+// is for the board to free.
+static enum sensor_result set_up_magnetic(struct joined *joined,
+                                          const IN_FLASH struct bus_device *bus,
+                                          uint32_t now_us) {
+    struct part *part = &joined->magnetic;
+    const enum sensor_result result = part_setup(part, bus, now_us);
+    if (result == SENSOR_BUS_TIMEOUT || result == SENSOR_BUS_STUCK) {
+        return result;
+    }
+    if (result == SENSOR_OK) {
+        end_magnetic(joined, true);
+    } else if (result != SENSOR_BUSY) {
+        ++joined->tries;
+        if (joined->tries == MAG_TRIES) {
+            end_magnetic(joined, false);
+        } else {
+            part_begin(part);
+        }
+    }
+    return SENSOR_BUSY;
+}
+
+static enum sensor_result clear(struct joined *joined,
+                                const IN_FLASH struct bus_device *bus) {
+    uint8_t unused[BUS_BURST_MAX];
+    const struct bus_burst *burst = joined->bursts;
+    const enum sensor_result result =
+        part_read(&joined->inertial, bus, burst->reg, unused, burst->length);
+    if (result == SENSOR_OK) {
+        joined->phase = DONE;
+    }
+    return result;
+}
+
+enum sensor_result joined_setup(void *state, const IN_FLASH struct bus_device *bus,
+                                uint32_t now_us) {
+    struct joined *joined = state;
+    switch ((enum phase)joined->phase) {
+    case SET_UP_INERTIAL:
+        return set_up_inertial(joined, bus, now_us);
+    case SET_UP_MAGNETIC:
+        return set_up_magnetic(joined, bus, now_us);
+    case CLEAR:
+        return clear(joined, bus);
+    case DONE:
+        break;
+    }
+    return SENSOR_OK;
+}
+
+// What a bus reads that nobody drives or that is held: no reading.
+static bool is_no_reading(const uint8_t *bytes, uint8_t length) {
+    for (uint8_t i = 1; i < length; ++i) {
+        if (bytes[i] != bytes[0]) {
+            return false;
+        }
+    }
+    return bytes[0] == 0x00 || bytes[0] == 0xFF;
+}
+
+// From a chip's axes to the module's.
+static void turn(const IN_FLASH int8_t axes[3], struct counts *counts) {
+    const struct counts own = *counts;
+    for (uint8_t i = 0; i < 3; ++i) {
+        const int8_t axis = axes[i];
+        const int16_t value = own.axis[(axis < 0 ? -axis : axis) - 1];
+        counts->axis[i] =
+            axis < 0 ? (int16_t)fixed_clamp(-(int32_t)value, INT16_MAX) : value;
+    }
+}
+
+bool joined_parse(void *state, const uint8_t *bytes, uint32_t time_us,
+                  struct sample *out) {
+    struct joined *joined = state;
+    const IN_FLASH struct joined_config *config = joined->config;
+    const uint8_t length = joined->bursts[0].length;
+    if (is_no_reading(bytes, length)) {
+        return false;
+    }
+    out->time_us = time_us;
+    config->inertial->parse(bytes, out);
+    turn(config->inertial_axes, &out->acc);
+    turn(config->inertial_axes, &out->gyr);
+    out->mag = (struct counts){0};
+    out->has_mag = false;
+    out->mag_overflow = false;
+    if (!joined->has_mag || is_no_reading(bytes + length, joined->bursts[1].length)) {
+        return true;
+    }
+    config->magnetic->parse(bytes + length, out);
+    if (!out->has_mag) {
+        return true;
+    }
+    joined->mag_age = 0;
+    if (out->mag_overflow) {
+        out->has_mag = false;
+        out->mag = (struct counts){0};
+    }
+    turn(config->mag_axes, &out->mag);
+    return true;
+}
+
+// Looks for a magnetometer that was absent, at one address after the other.
+static enum sensor_result look_for_mag(struct joined *joined,
+                                       const IN_FLASH struct bus_device *bus) {
+    ++joined->mag_age;
+    if (joined->mag_age <= joined->mag_failures) {
+        return SENSOR_OK;
+    }
+    joined->mag_age = 0;
+    for (uint8_t place = 0; place < 2; ++place) {
+        const enum sensor_result result = part_ask(&joined->magnetic, bus, place);
+        if (result == SENSOR_OK) {
+            return SENSOR_MAG_CHANGED;
+        }
+        if (result != SENSOR_BUS_NACK && result != SENSOR_WRONG_CHIP) {
+            return result;
+        }
+    }
+    return SENSOR_OK;
+}
+
+static enum sensor_result verify(struct joined *joined, struct part *part,
+                                 const IN_FLASH struct bus_device *bus) {
+    const enum sensor_result result = part_verify(part, bus);
+    if (result == SENSOR_UNSET) {
+        joined->identity.wrong_register = part->wrong_register;
+    }
+    return result;
+}
+
+static enum sensor_result check_magnetic(struct joined *joined,
+                                         const IN_FLASH struct bus_device *bus) {
+    if (!joined->has_mag) {
+        return look_for_mag(joined, bus);
+    }
+    ++joined->mag_age;
+    if (joined->mag_age > MAG_SILENT_CHECKS) {
+        return SENSOR_MAG_CHANGED;
+    }
+    return verify(joined, &joined->magnetic, bus);
+}
+
+// The chips in turn.
+enum sensor_result joined_check(void *state, const IN_FLASH struct bus_device *bus) {
+    struct joined *joined = state;
+    joined->checks_magnetic = !joined->checks_magnetic;
+    if (!joined->checks_magnetic) {
+        return check_magnetic(joined, bus);
+    }
+    return verify(joined, &joined->inertial, bus);
+}

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+// A sensor of two chips on one bus, an inertial one and a magnetometer: what joins them
+// is a description of the module that they are on.
+#ifndef JOINED_H
+#define JOINED_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/drivers/part.h"
+
+// What a driver of an inertial chip gives.
+struct joined_inertial {
+    const IN_FLASH struct part_chip *chip;
+    struct sensor_identity known;  // what is known before it is asked
+    struct bus_burst burst;        // these two without an address
+    struct sensor_ready ready;
+    // Fills acc, gyr and temperature, in the chip's axes.
+    void (*parse)(const uint8_t *bytes, struct sample *out);
+};
+
+// What a driver of a magnetometer gives.
+struct joined_magnetic {
+    const IN_FLASH struct part_chip *chip;
+    uint32_t mag_lsb_pt;
+    struct bus_burst burst;  // without an address
+    // Fills mag, has_mag and mag_overflow, which are zero before, where there is a
+    // field that was not there before. In the chip's axes.
+    void (*parse)(const uint8_t *bytes, struct sample *out);
+};
+
+// The module. Each chip has been given the number of one of its own axes for each of
+// the module's: 1, 2, 3 is x, y, z, and a minus turns it round.
+struct joined_config {
+    const IN_FLASH struct joined_inertial *inertial;
+    const IN_FLASH struct joined_magnetic *magnetic;
+    int8_t inertial_axes[3];
+    int8_t mag_axes[3];
+    uint16_t mag_lag_us;  // how old a field is in the sample that brings it
+};
+
+// Starts with its config and zeros. Private to the driver.
+struct joined {
+    const IN_FLASH struct joined_config *config;
+    struct sensor_identity identity;
+    struct bus_burst bursts[2];
+    struct sensor_ready ready;
+    struct part inertial;
+    struct part magnetic;
+    uint8_t phase;         // of set-up
+    uint8_t tries;         // of the magnetometer, within the set-up
+    bool has_mag;          // it measures, and is in the bursts
+    bool checks_magnetic;  // it is looked after next
+    uint8_t mag_age;       // checks since it last measured, or was looked for
+    uint8_t mag_failures;  // set-ups in a row that it was there for, and did not work
+};
+
+// The functions of struct sensor_driver; `state` is a struct joined. Each chip is found
+// at either of its addresses. A step of set-up holds the bus for 0.4 ms at most.
+//
+// A magnetometer that does not answer is left out: six axes, who_am_i[1] is 0. It is
+// looked for once every two checks, and a new set-up brings it back. One that answers
+// and does not work is left out too, told by `mag_failed`, and looked for ever later.
+// Without it the second burst has length 0.
+void joined_begin(void *state);
+enum sensor_result joined_setup(void *state, const IN_FLASH struct bus_device *bus,
+                                uint32_t now_us) MUST_CHECK;
+bool joined_parse(void *state, const uint8_t *bytes, uint32_t time_us,
+                  struct sample *out) MUST_CHECK;
+enum sensor_result joined_check(void *state,
+                                const IN_FLASH struct bus_device *bus) MUST_CHECK;
+
+// Initialiser of a struct sensor_driver over `joined`, a struct joined.
+#define JOINED_DRIVER(joined)                                                          \
+    {                                                                                  \
+        .begin = joined_begin, .setup = joined_setup, .parse = joined_parse,           \
+        .check = joined_check, .state = (joined), .identity = &(joined)->identity,     \
+        .bursts = (joined)->bursts, .bursts_count = 2, SENSOR_READY(&(joined)->ready)  \
+    }
+
+#endif

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: MIT
+// See lsm6dsox.h.
+//
+// Documents: DS = LSM6DSO32 data sheet, DocID032891 rev 1 (the LSM6DSOX and LSM6DSO
+// have its registers but for the accelerometer's ranges); REG = ST's lsm6dsox_reg.h and
+// ism330dhcx_reg.h; EX = ST's example lsm6dsox_self_test.c.
+#include "core/drivers/lsm6dsox.h"
+
+#include "core/math/fixed.h"
+
+enum {
+    // DS table 20.
+    REG_INT1_CTRL = 0x0D,
+    REG_CTRL1_XL = 0x10,
+    REG_CTRL2_G = 0x11,
+    REG_CTRL3_C = 0x12,
+    REG_CTRL5_C = 0x14,
+    REG_CTRL9_XL = 0x18,
+    REG_STATUS = 0x1E,
+    REG_OUT_TEMP_L = 0x20,  // then rates and accelerations
+    REG_OUTX_L_G = 0x22,
+    REG_OUTX_L_A = 0x28,
+
+    ADDRESS = 0x6A,  // pin SA0 low
+    ADDRESS_HIGH = 0x6B,
+    WHO_LSM6DSOX = 0x6C,    // and LSM6DSO; and LSM6DSO32, which the force tells
+    WHO_ISM330DHCX = 0x6B,  // REG
+
+    INT1_DRDY_G = 0x02,  // DS 9.9
+    OFF = 0x00,          // DS table 44
+    XL_52_HZ = 0x30,     // DS table 44
+    XL_208_HZ = 0x50,    // DS table 44: high performance, by XL_HM_MODE 0
+    XL_4_G = 0x08,       // REG: 2, 16, 4, 8 g
+    XL_16_G = 0x04,
+    G_208_HZ = 0x50,    // DS table 48
+    G_2000_DPS = 0x0C,  // DS 9.13
+    BDU = 0x40,         // DS 9.15
+    IF_INC = 0x04,
+    SW_RESET = 0x01,
+    ST_XL_NEGATIVE = 0x02,  // DS tables 56 and 55
+    ST_G_POSITIVE = 0x04,
+    // DS 9.20: what it is at reset, and I3C_disable, which DS recommends.
+    CTRL9_XL = 0xE2,
+    XLDA = 0x01,  // REG: STATUS_REG
+    GDA = 0x02,
+
+    ACC_AXES = 0,
+    GYR_AXES = 1,
+
+    TEMPERATURE_PLACE = 0,  // among the bytes of the burst
+    GYR_PLACE = REG_OUTX_L_G - REG_OUT_TEMP_L,
+    ACC_PLACE = REG_OUTX_L_A - REG_OUT_TEMP_L,
+    BURST_BYTES = ACC_PLACE + 6,
+};
+
+// From INT1_CTRL to CTRL10_C. The accelerometer's low-pass is half its rate (DS table
+// 65), the gyroscope's 66.8 Hz: at 208 Hz the choosable one before it changes nothing
+// (DS table 60), and stays off.
+static const IN_FLASH uint8_t kept_values[] = {
+    INT1_DRDY_G,
+    0,
+    0,  // WHO_AM_I
+    XL_208_HZ | XL_16_G,
+    G_208_HZ | G_2000_DPS,
+    BDU | IF_INC,
+    0,
+    0,
+    0,
+    0,
+    0,
+    CTRL9_XL,
+    0,
+};
+
+// Answers, DS table 3: 50 to 1700 mg at 0.122, 150 to 700 deg/s at 0.07. An unmoved one
+// stays within 0.1 g and 4 deg/s.
+static const IN_FLASH struct part_axes axes[] = {
+    [ACC_AXES] = {.ready = XLDA,
+                  .reg = REG_OUTX_L_A,
+                  .flag = SELF_TEST_ACC_PASSED,
+                  .moving = ROUNDED(100 / 0.122),
+                  .least = {ROUNDED(50 / 0.122), ROUNDED(50 / 0.122),
+                            ROUNDED(50 / 0.122)},
+                  .most = {ROUNDED(1700 / 0.122), ROUNDED(1700 / 0.122),
+                           ROUNDED(1700 / 0.122)}},
+    [GYR_AXES] = {.ready = GDA,
+                  .reg = REG_OUTX_L_G,
+                  .flag = SELF_TEST_GYR_PASSED,
+                  .moving = ROUNDED(4 / 0.07),
+                  .least = {ROUNDED(150 / 0.07), ROUNDED(150 / 0.07),
+                            ROUNDED(150 / 0.07)},
+                  .most = {ROUNDED(700 / 0.07), ROUNDED(700 / 0.07),
+                           ROUNDED(700 / 0.07)}},
+};
+
+static const IN_FLASH struct part_row rows[] = {
+    {PART_WAIT, 20},  // EX: 10 ms of boot
+    {PART_FIND, 0},
+    {REG_CTRL3_C, IF_INC | SW_RESET},
+    {PART_AWAIT_RESET, SW_RESET},
+    {REG_CTRL9_XL, CTRL9_XL},
+    {REG_CTRL3_C, BDU | IF_INC},
+    // EX, in its order, with its rates, ranges, signs and waits.
+    {PART_SKIP_IF_TESTED, 17},
+    {REG_CTRL1_XL, XL_52_HZ | XL_4_G},
+    {PART_WAIT, 100},
+    {PART_SAMPLE_PLAIN, ACC_AXES},
+    {PART_FORCE, 0},
+    {REG_CTRL5_C, ST_XL_NEGATIVE},
+    {PART_WAIT, 100},
+    {PART_SAMPLE_STIMULATED, ACC_AXES},
+    {PART_JUDGE, ACC_AXES},
+    {REG_CTRL5_C, 0},
+    {REG_CTRL1_XL, OFF},
+    {REG_CTRL2_G, G_208_HZ | G_2000_DPS},
+    {PART_WAIT, 100},
+    {PART_SAMPLE_PLAIN, GYR_AXES},
+    {REG_CTRL5_C, ST_G_POSITIVE},
+    {PART_WAIT, 100},
+    {PART_SAMPLE_STIMULATED, GYR_AXES},
+    {PART_JUDGE, GYR_AXES},
+    {PART_CONFIGURE, 0},
+    {PART_WAIT, 100},
+    {PART_VERIFY, 0},
+    {PART_AWAIT_DATA, 50},
+    {PART_DONE, 0},
+};
+
+static const IN_FLASH struct part_chip chip = {
+    .addresses = {ADDRESS, ADDRESS_HIGH},
+    .names = {WHO_LSM6DSOX, WHO_ISM330DHCX},
+    .status = REG_STATUS,
+    .reset = REG_CTRL3_C,
+    .kept = REG_INT1_CTRL,
+    .kept_count = sizeof kept_values,
+    .kept_values = kept_values,
+    .axes = axes,
+    .axes_count = sizeof axes / sizeof axes[0],
+    .gravity_counts = ROUNDED(1000 / 0.122),
+    .rows = rows,
+};
+
+// True where one of three axes is at the end of its range, `limit`.
+static bool take_axes(const uint8_t *bytes, uint16_t limit, struct counts *out) {
+    bool is_beyond = false;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->axis[axis] = part_word(bytes + 2 * axis);
+        is_beyond |= fixed_magnitude(out->axis[axis]) >= limit;
+    }
+    return is_beyond;
+}
+
+static void parse(const uint8_t *bytes, struct sample *out) {
+    // 16 g are 32787 counts; 2000 deg/s 28571, beyond which the document says nothing.
+    out->acc_clipped = take_axes(bytes + ACC_PLACE, INT16_MAX, &out->acc);
+    out->gyr_clipped =
+        take_axes(bytes + GYR_PLACE, ROUNDED(2000 / 0.07) + 1, &out->gyr);
+    // DS table 5: 256 a degC, 0 at 25 degC. Within -103 and 153 degC.
+    out->temperature_cdeg =
+        (int16_t)(2500 + fixed_scale_down(
+                             part_word(bytes + TEMPERATURE_PLACE) * INT32_C(25), 6));
+}
+
+const IN_FLASH struct joined_inertial lsm6dsox = {
+    .chip = &chip,
+    .known =
+        {
+            .kind = SENSOR_LSM6DSOX,
+            .rate_hz = LSM6DSOX_RATE_HZ,
+            .gyr_delay_us = LSM6DSOX_GYR_DELAY_US,
+            .acc_lsb_nm_s2 = SENSOR_NANO_G(0.000488),  // DS table 3
+            .gyr_lsb_nrad_s = SENSOR_NANO_RAD(0.07),
+        },
+    .burst = {0, REG_OUT_TEMP_L, BURST_BYTES},
+    .ready = {0, REG_STATUS, GDA},
+    .parse = parse,
+};

@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: MIT
+"""Samples of a joined sensor, LSM6DSOX and LIS3MDL: physical values in, counts out; how
+it looks after its chips."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from core.joined_chip import Chips, Inertial, ffi, lib
+from core.joined_desk import Bench, running
+from core.sensor_desk import axes
+
+AXES = [(1, 2, 3), (2, 1, -3), (-3, 1, -2)]
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("value", [-15.9, -1.0, 0.0037, 0.5, 15.9])
+def test_acceleration_arrives_on_its_axis(axis, value):
+    bench = running()
+    acc = [0.0, 0.0, 0.0]
+    acc[axis] = value
+    bench.chips.inertial.acc_g = tuple(acc)
+    sample = bench.sample()
+    assert list(axes(sample.acc)) == [
+        pytest.approx(v / 0.488e-3, abs=0.51) for v in acc
+    ]
+    assert not sample.acc_clipped
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("value", [-2000.0, -1.0, 0.1, 90.0, 2000.0])
+def test_rate_arrives_on_its_axis(axis, value):
+    bench = running()
+    gyr = [0.0, 0.0, 0.0]
+    gyr[axis] = value
+    bench.chips.inertial.gyr_dps = tuple(gyr)
+    sample = bench.sample()
+    assert list(axes(sample.gyr)) == [pytest.approx(v / 0.070, abs=0.51) for v in gyr]
+    assert not sample.gyr_clipped
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("value", [-4.0, -0.45, 0.0006, 0.48, 4.0])
+def test_field_arrives_on_its_axis(axis, value):
+    bench = running()
+    field = [0.0, 0.0, 0.0]
+    field[axis] = value
+    bench.chips.magnetic.gauss = tuple(field)
+    assert list(bench.field()) == [pytest.approx(v * 6842, abs=0.51) for v in field]
+
+
+@pytest.mark.parametrize("inertial", AXES)
+@pytest.mark.parametrize("magnetic", AXES)
+def test_each_chip_is_turned_into_the_axes_of_its_module(inertial, magnetic):
+    known = lib.adafruit_4517
+    config = ffi.new(
+        "struct joined_config *",
+        {
+            "inertial": known.inertial,
+            "magnetic": known.magnetic,
+            "inertial_axes": inertial,
+            "mag_axes": magnetic,
+        },
+    )
+    bench = running(config=config)
+    bench.chips.inertial.acc_g = (1, 2, 3)
+    bench.chips.inertial.gyr_dps = (10, 20, 30)
+    bench.chips.magnetic.gauss = (0.1, 0.2, 0.3)
+
+    def turned(values, to):
+        return [values[abs(axis) - 1] * (1 if axis > 0 else -1) for axis in to]
+
+    field = bench.field()
+    sample = bench.sample()
+    for found, values, to, lsb in (
+        (axes(sample.acc), (1, 2, 3), inertial, 0.488e-3),
+        (axes(sample.gyr), (10, 20, 30), inertial, 0.07),
+        (field, (0.1, 0.2, 0.3), magnetic, 1 / 6842),
+    ):
+        expected = [pytest.approx(v / lsb, abs=0.51) for v in turned(values, to)]
+        assert list(found) == expected
+
+
+def test_the_end_of_a_range_turned_round_stays_in_it():
+    known = lib.adafruit_4517
+    config = ffi.new(
+        "struct joined_config *",
+        {
+            "inertial": known.inertial,
+            "magnetic": known.magnetic,
+            "inertial_axes": (-1, -2, -3),
+            "mag_axes": (1, 2, 3),
+        },
+    )
+    bench = running(config=config)
+    bench.chips.inertial.acc_g = (-20, 0, 1)
+    sample = bench.sample()
+    assert sample.acc.x == 32767
+    assert sample.acc_clipped
+
+
+def block(
+    temperature: int = 0,
+    gyr: tuple[int, int, int] = (1, 2, 3),
+    acc: tuple[int, int, int] = (0, 0, 2049),
+    mag: tuple[int, int, int] = (10, 20, 30),
+    status: int = 0x0F,
+) -> bytes:
+    values = (temperature, *gyr, *acc)
+    inertial = b"".join(v.to_bytes(2, "little", signed=True) for v in values)
+    field = b"".join(v.to_bytes(2, "little", signed=True) for v in mag)
+    return inertial + bytes([status]) + field
+
+
+@pytest.fixture(scope="module")
+def still() -> Bench:
+    return running()
+
+
+@pytest.mark.parametrize(
+    ("raw", "cdeg"),
+    [
+        (0, 2500),
+        (256, 2600),
+        (-256, 2400),
+        (1, 2500),
+        (2, 2501),
+        (32767, 15300),
+        (-32768, -10300),
+    ],
+)
+def test_temperature_is_right_to_the_ends_of_its_register(still, raw, cdeg):
+    assert still.parse(block(temperature=raw)).temperature_cdeg == cdeg
+
+
+def test_a_sample_carries_the_time_of_its_edge(still):
+    assert still.parse(block(), 0xFFFFFFFE).time_us == 0xFFFFFFFE
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(
+    ("counts", "is_beyond"),
+    [(28571, False), (28572, True), (-28571, False), (-28572, True), (-32768, True)],
+)
+def test_a_rate_beyond_2000_deg_s_is_clipped(still, axis, counts, is_beyond):
+    gyr = [0, 0, 0]
+    gyr[axis] = counts
+    sample = still.parse(block(gyr=tuple(gyr)))
+    assert (sample.gyr_clipped, sample.acc_clipped) == (is_beyond, False)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(
+    ("counts", "is_beyond"),
+    [(32766, False), (32767, True), (-32766, False), (-32767, True), (-32768, True)],
+)
+def test_an_acceleration_at_the_end_of_its_register_is_clipped(
+    still, axis, counts, is_beyond
+):
+    acc = [0, 0, 0]
+    acc[axis] = counts
+    sample = still.parse(block(acc=tuple(acc)))
+    assert (sample.gyr_clipped, sample.acc_clipped) == (False, is_beyond)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(
+    ("counts", "is_beyond"),
+    [(27368, False), (27369, True), (-27368, False), (-27369, True), (-32768, True)],
+)
+def test_a_field_beyond_4_gauss_has_overflowed(still, axis, counts, is_beyond):
+    mag = [0, 0, 0]
+    mag[axis] = counts
+    sample = still.parse(block(mag=tuple(mag)))
+    assert (sample.has_mag, sample.mag_overflow) == (not is_beyond, is_beyond)
+    assert not is_beyond or axes(sample.mag) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("status", [0x00, 0x01, 0x07, 0xF7, 0x70])
+def test_a_field_that_is_not_new_is_none(still, status):
+    sample = still.parse(block(mag=(32767, 1, 1), status=status))
+    assert not sample.has_mag
+    assert not sample.mag_overflow
+    assert axes(sample.mag) == (0, 0, 0)
+
+
+def test_a_field_that_overwrote_another_is_one(still):
+    assert axes(still.parse(block(status=0xFF)).mag) == (10, 20, 30)
+
+
+@pytest.mark.parametrize("byte", [0x00, 0xFF])
+def test_a_bus_that_nobody_drives_is_no_reading(still, byte):
+    assert still.is_refused(bytes([byte]) * 21)
+    assert still.is_refused(bytes([byte]) * 14 + block()[14:])
+    # The magnetometer alone: it has no field.
+    sample = still.parse(block()[:14] + bytes([byte]) * 7)
+    assert not sample.has_mag
+
+
+def test_each_measurement_of_the_field_arrives_once():
+    bench = running()
+    bench.field()
+    samples = bench.samples(416)  # 2 s
+    assert 159 <= sum(sample.has_mag for sample in samples) <= 161
+
+
+FLIPS = [
+    *(("inertial", reg) for reg in (0x0D, 0x0E, *range(0x10, 0x1A))),
+    *(("magnetic", reg) for reg in range(0x20, 0x25)),
+]
+
+
+@pytest.mark.parametrize(("chip", "reg"), FLIPS)
+def test_a_register_that_changes_by_itself_is_noticed_by_the_second_check(chip, reg):
+    bench = running()
+    bench.samples(5)
+    getattr(bench.chips, chip).registers[reg] ^= 0x80
+    results = [bench.check(), bench.check()]
+    assert lib.SENSOR_UNSET in results
+    assert bench.identity.wrong_register == reg
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.wrong_register == 0
+    assert axes(bench.sample().acc) == (0, 0, round(1 / 0.488e-3))
+
+
+def test_healthy_chips_pass_every_check_by_one_short_read_each():
+    bench = running()
+    for _ in range(20):
+        bench.samples(4)
+        before, before_us = bench.transactions, bench.chips.now_us
+        assert bench.check() == lib.SENSOR_OK
+        assert bench.transactions == before + 1
+        assert bench.chips.now_us - before_us <= 400
+
+
+@pytest.mark.parametrize("chip", ["inertial", "magnetic"])
+def test_a_chip_that_lost_its_power_alone_is_noticed_by_the_second_check(chip):
+    bench = running()
+    bench.samples(5)
+    getattr(bench.chips, chip).power_up()
+    assert lib.SENSOR_UNSET in (bench.check(), bench.check())
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
+
+
+def test_a_pulled_wire_is_reported_by_a_check():
+    bench = running()
+    for _ in range(2):
+        bench.pulled_at = bench.transactions + 1
+        assert bench.check() == lib.SENSOR_BUS_NACK
+
+
+def test_a_magnetometer_that_goes_silent_is_noticed_after_five_checks_of_it():
+    bench = running()
+    bench.samples(10)
+    bench.chips.magnetic.clock.is_silent = True
+    results = bench.checks(12)
+    assert set(results[:-1]) == {lib.SENSOR_OK}
+    assert results[-1] == lib.SENSOR_MAG_CHANGED
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.who_am_i[1] == 0
+    assert bench.identity.self_test & lib.SELF_TEST_MAG_FAILED
+
+
+def test_a_magnetometer_that_goes_and_comes_back_is_found_again():
+    bench = running()
+    bench.chips.absent = {bench.chips.magnetic}
+    assert bench.set_up() == lib.SENSOR_OK
+    assert set(bench.checks(20)) == {lib.SENSOR_OK}
+    bench.chips.absent = set()
+    results = bench.checks(2)
+    assert results.count(lib.SENSOR_MAG_CHANGED) == 1
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
+    assert bench.field() == (round(0.2 * 6842), 0, round(-0.4 * 6842))
+
+
+def test_one_that_is_there_and_does_not_work_is_looked_for_ever_later():
+    bench = Bench()
+    bench.chips.magnetic.clock.is_silent = True
+    waits = []
+    for _ in range(4):
+        assert bench.set_up() == lib.SENSOR_OK
+        waits.append(0)
+        while bench.check() == lib.SENSOR_OK:
+            waits[-1] += 1
+    assert all(later >= 2 * before for before, later in itertools.pairwise(waits))
+    for _ in range(10):  # and not beyond some minutes
+        assert bench.set_up() == lib.SENSOR_OK
+    waited = 0
+    while bench.check() == lib.SENSOR_OK:
+        waited += 1
+    assert waited <= 2 * 256
+    bench.chips.magnetic.clock.is_silent = False
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
+
+
+def test_looking_for_a_magnetometer_meets_a_bus_that_is_held():
+    bench = Bench()
+    bench.chips.absent = {bench.chips.magnetic}
+    assert bench.set_up() == lib.SENSOR_OK
+    bench.chips.absent, bench.chips.held = set(), {bench.chips.magnetic}
+    assert lib.SENSOR_BUS_STUCK in (bench.check(), bench.check())
+
+
+def test_another_chip_at_its_address_is_not_taken_for_it():
+    bench = Bench()
+    bench.chips.magnetic.who = 0x40
+    bench.chips.magnetic.power_up()
+    assert bench.set_up() == lib.SENSOR_OK
+    assert set(bench.checks(10)) == {lib.SENSOR_OK}
+
+
+def test_an_ism330dhcx_has_the_same_counts():
+    bench = running(Chips(Inertial(0x6B, 0x6B)))
+    assert axes(bench.sample().acc) == (0, 0, round(1 / 0.488e-3))

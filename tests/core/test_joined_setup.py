@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: MIT
+"""The set-up of a joined sensor, LSM6DSOX and LIS3MDL, and every failure of it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from core.joined_chip import Chips, Inertial, Magnetic, lib
+from core.joined_desk import Bench, running
+from core.sensor_desk import axes
+from length import IS_SAMPLE
+
+INERTIAL_PASSED = lib.SELF_TEST_ACC_PASSED | lib.SELF_TEST_GYR_PASSED
+ALL_PASSED = INERTIAL_PASSED | lib.SELF_TEST_MAG_PASSED
+
+
+def test_set_up_leaves_the_chips_as_the_documents_want_them():
+    chips = running().chips
+    inertial, magnetic = chips.inertial.registers, chips.magnetic.registers
+    # INT1_CTRL, INT2_CTRL: the gyroscope's data-ready on INT1.
+    assert list(inertial[0x0D:0x0F]) == [0x02, 0x00]
+    # CTRL1_XL to CTRL10_C: 208 Hz, 16 g; 208 Hz, 2000 deg/s; whole blocks, addresses
+    # that increase; high performance, no test; I3C off.
+    assert list(inertial[0x10:0x1A]) == [0x54, 0x5C, 0x44, 0, 0, 0, 0, 0, 0xE2, 0]
+    # CTRL_REG1 to 5: ultra-high performance, 80 Hz; 4 gauss; continuous; whole blocks.
+    assert list(magnetic[0x20:0x25]) == [0xFC, 0x00, 0x00, 0x0C, 0x40]
+
+
+def test_identity_tells_chips_units_and_verdicts():
+    identity = running().identity
+    assert identity.kind == lib.SENSOR_LSM6DSOX
+    assert list(identity.who_am_i) == [0x6C, 0x3D]
+    assert list(identity.mag_adjust) == [0, 0, 0]
+    assert identity.self_test == ALL_PASSED
+    assert identity.rate_hz == 208
+    # Two poles at 66.8 Hz.
+    assert identity.gyr_delay_us == pytest.approx(
+        math.sqrt(2) / (2 * math.pi * 66.8) * 1e6, abs=5
+    )
+    # Half of a measurement at 155 Hz, half of a period.
+    assert identity.mag_lag_us == pytest.approx(5e5 / 155 + 5e5 / 208, abs=2)
+    assert identity.gyr_lsb_nrad_s == round(math.radians(0.070) * 1e9)
+    assert identity.acc_lsb_nm_s2 == round(0.488e-3 * 9.80665 * 1e9)
+    assert identity.mag_lsb_pt == round(1e8 / 6842)
+
+
+@pytest.mark.parametrize("inertial", [0x6A, 0x6B])
+@pytest.mark.parametrize("magnetic", [0x1C, 0x1E])
+def test_each_chip_is_found_at_either_of_its_addresses(inertial, magnetic):
+    bench = running(Chips(Inertial(inertial), Magnetic(magnetic)))
+    # The status and the field in one burst; bit 7 has the LIS3MDL's addresses increase.
+    assert bench.bursts == [(inertial, 0x20, 14), (magnetic, 0xA7, 7)]
+    ready = bench.driver.ready
+    assert (ready.address, ready.reg, ready.mask) == (inertial, 0x1E, 0x02)
+    assert axes(bench.sample().acc) == (0, 0, round(1 / 0.488e-3))
+
+
+@pytest.mark.parametrize("who", [0x6C, 0x6B])
+def test_both_families_run_and_are_named(who):
+    bench = running(Chips(Inertial(who=who)))
+    assert list(bench.identity.who_am_i) == [who, 0x3D]
+    assert bench.check() == lib.SENSOR_OK
+
+
+@pytest.mark.parametrize("who", [0x69, 0x6A, 0x6D, 0x71, 0xFF])
+def test_an_inertial_chip_of_another_kind_is_refused_and_named(who):
+    bench = Bench(Chips(Inertial(who=who)))
+    assert bench.set_up() == lib.SENSOR_WRONG_CHIP
+    assert list(bench.identity.who_am_i) == [who, 0]
+    assert not [what for _, what, *_ in bench.chips.log if what == "write"]
+
+
+@pytest.mark.parametrize("who", [0x00, 0x40, 0x3C, 0xFF])
+def test_a_magnetometer_of_another_kind_is_left_alone(who):
+    bench = running(Chips(magnetic=Magnetic(0x1E, who)))
+    assert list(bench.identity.who_am_i) == [0x6C, 0]
+    assert bench.identity.self_test == INERTIAL_PASSED
+    assert not [
+        at for _, what, at, *_ in bench.chips.log if (what, at) == ("write", 0x1E)
+    ]
+
+
+def test_an_lsm6dso32_whose_ranges_are_twice_as_wide_is_told_by_its_force():
+    # It has the LSM6DSO's identity.
+    inertial = Inertial()
+    inertial.g_lsb = {fs: 2 * lsb for fs, lsb in inertial.g_lsb.items()}
+    bench = Bench(Chips(inertial))
+    assert bench.set_up(bound_us=3_000_000) == lib.SENSOR_NO_FORCE
+
+
+def test_a_probe_that_is_shaken_at_first_is_waited_for():
+    bench = Bench()
+    bench.chips.inertial.acc_g = (0, 0, 3)
+    bench.call("begin")
+    for _ in range(500):
+        assert bench.step() == lib.SENSOR_BUSY
+        bench.let_pass(1000)
+    bench.chips.inertial.acc_g = (0, 0, 1)
+    while (result := bench.step()) == lib.SENSOR_BUSY:
+        bench.let_pass(1000)
+    assert result == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED
+
+
+def test_no_step_of_set_up_holds_the_bus_for_more_than_half_a_millisecond():
+    assert 0 < running().longest_step_ns <= 450_000
+
+
+def test_set_up_takes_as_long_as_its_header_says():
+    bench = running()
+    assert bench.chips.now_us / 1e6 == pytest.approx(1.1, abs=0.1)
+    before_us = bench.chips.now_us
+    assert bench.set_up() == lib.SENSOR_OK
+    assert (bench.chips.now_us - before_us) / 1e6 == pytest.approx(0.25, abs=0.05)
+    assert bench.identity.self_test == ALL_PASSED
+
+
+def test_set_up_waits_as_long_as_the_examples_of_st():
+    bench = running()
+    log = bench.chips.log
+    named = next(t for t, what, at, reg, _ in log if (what, reg) == ("read", 0x0F))
+    assert named >= 10_000  # after power
+    for address, reg, value_reads, wait_us in (
+        (0x6A, 0x14, 0x28, 100_000),  # CTRL5_C: the accelerometer's stimulus
+        (0x1C, 0x20, 0xA8, 60_000),  # CTRL_REG1: the magnetometer's
+    ):
+        writes = [
+            t for t, what, at, r, _ in log if (what, at, r) == ("write", address, reg)
+        ]
+        reads = [
+            t
+            for t, what, at, r, _ in log
+            if (what, at, r) == ("read", address, value_reads)
+        ]
+        stimulated = next(t for t in writes if t > reads[0])
+        first = next(t for t in reads if t > stimulated)
+        assert first - stimulated >= wait_us
+        assert len([t for t in reads if t < stimulated]) == 6  # one is thrown away
+
+
+@pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
+def test_set_up_does_not_mind_how_often_it_is_called(step_us):
+    bench = Bench()
+    assert bench.set_up(step_us, 2_000_000 + 100 * step_us) == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED
+
+
+@pytest.mark.parametrize("before_us", [1, 15_000, 300_000, 700_000, 1_400_000])
+def test_set_up_survives_the_wrap_of_device_time(before_us):
+    bench = Bench(start_us=2**32 - before_us)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED
+
+
+def test_set_up_stays_done():
+    bench = running()
+    for later_us in (0, 1000, 2**31, 2**32 - 1000):
+        now_us = (bench.now_us + later_us) & 0xFFFFFFFF
+        assert lib.joined_setup(bench.driver, bench.bus, now_us) == lib.SENSOR_OK
+
+
+def test_data_ready_is_low_where_set_up_ends():
+    bench = running()
+    gyr = bench.chips.inertial.gyr
+    assert gyr.made(bench.chips.now_us) == gyr.seen
+
+
+@pytest.mark.parametrize("chip", ["inertial", "magnetic"])
+def test_a_reset_that_takes_long_is_waited_for(chip):
+    bench = Bench()
+    getattr(bench.chips, chip).reset_us = 15_000
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED
+
+
+def test_an_inertial_reset_without_end_is_stuck_in_bounded_time():
+    bench = Bench()
+    bench.chips.inertial.reset_us = 1e9
+    assert bench.set_up() == lib.SENSOR_STUCK
+    assert bench.chips.now_us < 100_000
+
+
+@pytest.mark.parametrize("name", ["acc", "gyr"])
+def test_an_inertial_sensor_that_never_gets_ready_is_stuck_in_bounded_time(name):
+    bench = Bench()
+    clock = getattr(bench.chips.inertial, name)
+    clock.is_silent = True
+    assert bench.set_up() == lib.SENSOR_STUCK
+    clock.is_silent = False
+    assert bench.set_up() == lib.SENSOR_OK
+
+
+def test_one_that_stops_after_its_test_is_stuck_too():
+    bench = running()
+    bench.chips.inertial.acc.is_silent = True
+    assert bench.set_up() == lib.SENSOR_STUCK
+
+
+def test_an_inertial_chip_that_does_not_answer_is_a_failed_bus_until_it_does():
+    bench = Bench()
+    bench.chips.absent = {bench.chips.inertial}
+    assert bench.set_up() == lib.SENSOR_BUS_NACK
+    assert [at for *_, at, _, _ in bench.chips.log] == [0x6A, 0x6B]
+    bench.chips.absent = set()
+    assert bench.set_up() == lib.SENSOR_OK
+
+
+def test_a_register_that_does_not_keep_its_value_is_named():
+    bench = Bench()
+    write = bench.chips.inertial.write
+    bench.chips.inertial.write = lambda reg, value, now: write(
+        reg, value & ~0x0C if (reg, value) == (0x11, 0x5C) else value, now
+    )
+    # It has 250 deg/s: the answers are clipped, and the register read back differs.
+    assert bench.set_up() == lib.SENSOR_UNSET
+    assert bench.identity.wrong_register == 0x11
+
+
+def test_without_a_magnetometer_there_are_six_axes():
+    bench = Bench()
+    bench.chips.absent = {bench.chips.magnetic}
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0x6C, 0]
+    assert bench.identity.self_test == INERTIAL_PASSED
+    assert bench.bursts == [(0x6A, 0x20, 14)]
+    assert not any(sample.has_mag for sample in bench.samples(40))
+
+
+def test_a_magnetometer_that_never_measures_is_left_out_and_told():
+    bench = Bench()
+    bench.chips.magnetic.clock.is_silent = True
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0x6C, 0]
+    assert bench.identity.self_test == INERTIAL_PASSED | lib.SELF_TEST_MAG_FAILED
+
+
+def test_a_magnetometer_that_holds_the_bus_is_for_the_board_to_free():
+    bench = Bench()
+    bench.chips.held = {bench.chips.magnetic}
+    assert bench.set_up() == lib.SENSOR_BUS_STUCK
+    bench.chips.held = set()
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_a_wire_pulled_at_any_transaction_is_reported_or_tried_again(part):
+    count = running().transactions
+    assert count > 100
+    for pulled_at in range(1 + part, count + 1, 12 if IS_SAMPLE else 4):
+        bench = Bench()
+        bench.pulled_at = pulled_at
+        result = bench.set_up()
+        address, reg = bench.pulled
+        if address in (0x1C, 0x1E) or reg == 0x0F:
+            # Of the magnetometer, or who is there: asked again.
+            assert result in (lib.SENSOR_OK, lib.SENSOR_BUS_NACK)
+        else:
+            assert result == lib.SENSOR_BUS_NACK
+            assert bench.transactions == pulled_at
+        if result == lib.SENSOR_OK:
+            assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
+        assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
+        assert bench.identity.self_test == ALL_PASSED
+        assert axes(bench.sample().acc) == (0, 0, round(1 / 0.488e-3))
+
+
+@pytest.mark.parametrize(
+    ("chip", "name", "weak", "failed"),
+    [
+        ("inertial", "acc_response", (0.5, 0.04, 0.5), lib.SELF_TEST_ACC_FAILED),
+        ("inertial", "acc_response", (0.5, 0.5, 1.8), lib.SELF_TEST_ACC_FAILED),
+        ("inertial", "gyr_response", (140, 400, 400), lib.SELF_TEST_GYR_FAILED),
+        ("inertial", "gyr_response", (400, 720, 400), lib.SELF_TEST_GYR_FAILED),
+        ("magnetic", "response", (0.9, 2, 0.5), lib.SELF_TEST_MAG_FAILED),
+        ("magnetic", "response", (2, 3.1, 0.5), lib.SELF_TEST_MAG_FAILED),
+        ("magnetic", "response", (2, 2, 0.09), lib.SELF_TEST_MAG_FAILED),
+        ("magnetic", "response", (2, 2, 1.1), lib.SELF_TEST_MAG_FAILED),
+    ],
+)
+def test_a_sensor_that_answers_weakly_or_wildly_fails_its_self_test(
+    chip, name, weak, failed
+):
+    bench = Bench()
+    setattr(getattr(bench.chips, chip), name, weak)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED & ~(failed >> 4) | failed
+    # The verdict is kept: it is not tested again.
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED & ~(failed >> 4) | failed
+
+
+@pytest.mark.parametrize(
+    ("chip", "name", "response", "swing"),
+    [
+        ("inertial", "acc_g", "acc_response", ((0, 0, 1), (0, 0.15, 1))),
+        ("inertial", "gyr_dps", "gyr_response", ((0, 0, 0), (0, 0, 5))),
+        ("magnetic", "gauss", "response", ((0.2, 0, 0), (0.2, 0.12, 0))),
+    ],
+)
+def test_a_failure_while_the_probe_moves_is_no_verdict(chip, name, response, swing):
+    bench = Bench()
+    target = getattr(bench.chips, chip)
+    setattr(target, response, (0, 0, 0))
+    bench.call("begin")
+    turn = 0
+    while (result := bench.step()) == lib.SENSOR_BUSY:
+        setattr(target, name, swing[turn // 8 % 2])
+        bench.let_pass(1000)
+        turn += 1
+    assert result == lib.SENSOR_OK
+    flags = bench.identity.self_test
+    assert bin(flags).count("1") == 2
+    assert flags & ~ALL_PASSED == 0
+    # The next set-up tests again.
+    setattr(target, name, swing[0])
+    answers = {"acc_g": (0.5,) * 3, "gyr_dps": (400,) * 3, "gauss": (2, 2, 0.5)}
+    setattr(target, response, answers[name])
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED
