@@ -29,6 +29,7 @@ BOARD = "imu_nano"
 # show on real boards.
 RESERVE = 800
 DEFAULT_FILTER = "-DATTITUDE_ONLY=fuse"  # of the image that is flashed by default
+PAIR = "-DSAMPLING_TWO_BURSTS"  # of one that is not, with that filter
 
 
 class Compiler(NamedTuple):
@@ -124,7 +125,8 @@ def environments(config: Mapping[str, Mapping[str, Any]]) -> dict[str, bool]:
         }
         if image not in seen:
             seen.append(image)
-            is_default = DEFAULT_FILTER in " ".join(image["build_flags"]).split()
+            flags = " ".join(image["build_flags"]).split()
+            is_default = DEFAULT_FILTER in flags and PAIR not in flags
             found[section.removeprefix("env:")] = is_default
     return found
 

@@ -7,7 +7,6 @@
 
 #include "adc.h"
 #include "clock.h"
-#include "core/drivers/mpu9250.h"
 #include "core/wire/messages.h"
 #include "idle.h"
 #include "pins.h"
@@ -16,9 +15,6 @@
 #include "uart.h"
 
 volatile bool idle_has_work;
-
-static struct mpu9250 chip;
-const IN_FLASH struct sensor_driver board_sensor = MPU9250_DRIVER(&chip);
 
 // Pins that nothing is wired to get their pull-ups, so that they do not float
 // ("Unconnected Pins"). The bus and the sensor's INT must not: they belong to a chip of

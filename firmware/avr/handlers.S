@@ -21,6 +21,7 @@
 #define GO_START (GO | _BV(TWSTA))
 #define GO_ACKNOWLEDGE (GO | _BV(TWEA))
 #define GO_STOP (_BV(TWINT) | _BV(TWEN) | _BV(TWSTO))
+#define GO_STOP_START (GO_START | _BV(TWSTO))
 
 ; What each handler saves first and .Lleave restores: two registers, SREG, and Z.
     .macro enter
@@ -184,6 +185,10 @@ sampling_begin:
     std     Z + SAMPLING_BEGUN + 1, r25
     ldi     r24, 1
     std     Z + SAMPLING_IS_RUNNING, r24
+#ifdef SAMPLING_TWO_BURSTS
+    ldi     r24, 0
+    std     Z + SAMPLING_IS_SECOND, r24
+#endif
     ; The STOP of the burst before may still be on its way; the START then follows it.
     lds     r24, MEM(TWCR)
     andi    r24, _BV(TWSTO)
@@ -268,11 +273,21 @@ TWI_vect:
     brlo    .Lstuck
     bst     r24, 4
     ldd     r24, Z + SAMPLING_ADDRESS
+#ifdef SAMPLING_TWO_BURSTS
+    ldd     r25, Z + SAMPLING_IS_SECOND
+    sbrc    r25, 0
+    ldd     r24, Z + SAMPLING_SECOND_ADDRESS
+#endif
     lsl     r24
     bld     r24, 0
     rjmp    .Lsend
 .Lsend_register:
     ldd     r24, Z + SAMPLING_REG
+#ifdef SAMPLING_TWO_BURSTS
+    ldd     r25, Z + SAMPLING_IS_SECOND
+    sbrc    r25, 0
+    ldd     r24, Z + SAMPLING_SECOND_REG
+#endif
 .Lsend:
     sts     MEM(TWDR), r24
     ldi     r24, GO
@@ -297,7 +312,20 @@ TWI_vect:
     cpi     r24, 1
     brne    .Lstuck
     lds     r24, MEM(TWDR)
-    st      X, r24
+    st      X+, r24
+#ifdef SAMPLING_TWO_BURSTS
+    ldd     r24, Z + SAMPLING_IS_SECOND
+    tst     r24
+    brne    .Ldone
+    ldd     r25, Z + SAMPLING_SECOND_LENGTH
+    tst     r25
+    breq    .Ldone
+    ldi     r24, 1
+    std     Z + SAMPLING_IS_SECOND, r24
+    std     Z + SAMPLING_REMAINING, r25
+    ldi     r24, GO_STOP_START
+    rjmp    2b
+#endif
 .Ldone:
     ld      r24, Z
     inc     r24

@@ -18,6 +18,11 @@
 #define SAMPLING_REG 14
 #define SAMPLING_LENGTH 15
 #define SAMPLING_READY 16
+// With SAMPLING_TWO_BURSTS.
+#define SAMPLING_SECOND_ADDRESS 21
+#define SAMPLING_SECOND_REG 22
+#define SAMPLING_SECOND_LENGTH 23
+#define SAMPLING_IS_SECOND 24
 
 // In a reading.
 #define READING_SIZE 30
@@ -49,6 +54,10 @@ struct sampling {
     struct bus_burst burst;
     uint32_t ready;  // data-ready edges
     uint8_t carry;   // of `ready`, after 248 days
+#ifdef SAMPLING_TWO_BURSTS
+    struct bus_burst second;  // follows `burst`; of length 0: none does
+    bool is_second;           // is on the bus
+#endif
 };
 extern struct sampling sampling;
 enum { READING_SLOTS = 2 };

@@ -29,6 +29,13 @@ _Static_assert(IS_AT(slots.filled, SAMPLING_FILLED) &&
                    IS_AT(burst.reg, SAMPLING_REG) &&
                    IS_AT(burst.length, SAMPLING_LENGTH) && IS_AT(ready, SAMPLING_READY),
                "as handlers.h tells the handlers");
+#ifdef SAMPLING_TWO_BURSTS
+_Static_assert(IS_AT(second.address, SAMPLING_SECOND_ADDRESS) &&
+                   IS_AT(second.reg, SAMPLING_SECOND_REG) &&
+                   IS_AT(second.length, SAMPLING_SECOND_LENGTH) &&
+                   IS_AT(is_second, SAMPLING_IS_SECOND),
+               "as handlers.h tells the handlers");
+#endif
 _Static_assert(sizeof(struct reading) == READING_SIZE &&
                    offsetof(struct reading, bytes) == 0 &&
                    offsetof(struct reading, time_us) == READING_TIME &&
@@ -76,6 +83,9 @@ static void settle(void) {
 static enum bus_result transfer(uint8_t address, uint8_t reg, uint8_t *data,
                                 uint8_t length) {
     sampling.burst = (struct bus_burst){address, reg, length};
+#ifdef SAMPLING_TWO_BURSTS
+    sampling.second.length = 0;
+#endif
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         sampling_begin(data);
     }
@@ -104,11 +114,14 @@ static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
 
 const IN_FLASH struct bus_device board_bus = {read_registers, write_registers, 0};
 
-// This board's sensor has one burst a sample.
+// This board's sensor has one burst a sample, or with SAMPLING_TWO_BURSTS two.
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {
     (void)count;
     board_sampling_stop();
     sampling.burst = bursts[0];
+#ifdef SAMPLING_TWO_BURSTS
+    sampling.second = bursts[1];
+#endif
     twi_init();
     EICRA = _BV(ISC01) | _BV(ISC00);  // INT0 at the rising edge
     EIFR = _BV(INTF0);                // none of the past

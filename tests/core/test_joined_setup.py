@@ -140,6 +140,20 @@ def test_set_up_waits_as_long_as_the_examples_of_st():
         assert len([t for t in reads if t < stimulated]) == 6  # one is thrown away
 
 
+def test_int1_is_off_before_a_reset():
+    # High, it would have the chip start with I3C alone.
+    bench = running()
+    assert bench.set_up() == lib.SENSOR_OK
+    writes = [
+        reg for _, what, at, reg, _ in bench.chips.log if (what, at) == ("write", 0x6A)
+    ]
+    first, second = (
+        i for i, reg in enumerate(writes) if writes[i : i + 2] == [0x0D, 0x12]
+    )
+    assert first == 0
+    assert second > 0
+
+
 @pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
 def test_set_up_does_not_mind_how_often_it_is_called(step_us):
     bench = Bench()

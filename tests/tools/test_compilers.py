@@ -59,6 +59,7 @@ def test_each_image_of_ours_is_built_once() -> None:
         "nano": True,
         **{f"nano_{name}": value for name, value in papers.items()},
         "nano_as_pio": True,
+        "nano_lsm6dsox": False,
     }
 
 

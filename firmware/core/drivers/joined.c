@@ -50,8 +50,10 @@ static enum sensor_result set_up_inertial(struct joined *joined,
     }
     joined->bursts[0] = joined->config->inertial->burst;
     joined->bursts[0].address = part->address;
+#ifndef ACQUISITION_WIRED_ONLY
     joined->ready = joined->config->inertial->ready;
     joined->ready.address = part->address;
+#endif
     joined->phase = SET_UP_MAGNETIC;
     return SENSOR_BUSY;
 }
@@ -137,14 +139,35 @@ static bool is_no_reading(const uint8_t *bytes, uint8_t length) {
     return bytes[0] == 0x00 || bytes[0] == 0xFF;
 }
 
-// From a chip's axes to the module's.
-static void turn(const IN_FLASH int8_t axes[3], struct counts *counts) {
-    const struct counts own = *counts;
+// Takes three axes, from a chip's to the module's; true where one is beyond its range.
+static bool take(const uint8_t *bytes, const IN_FLASH struct joined_axes *from,
+                 const IN_FLASH int8_t axes[3], struct counts *out) {
+    bool is_beyond = false;
+    bytes += from->place - 2;
     for (uint8_t i = 0; i < 3; ++i) {
         const int8_t axis = axes[i];
-        const int16_t value = own.axis[(axis < 0 ? -axis : axis) - 1];
-        counts->axis[i] =
-            axis < 0 ? (int16_t)fixed_clamp(-(int32_t)value, INT16_MAX) : value;
+        int32_t value = part_word(bytes + 2 * (axis < 0 ? -axis : axis));
+        is_beyond |= fixed_magnitude(value) >= from->beyond;
+        if (axis < 0) {
+            value = fixed_clamp(-value, INT16_MAX);
+        }
+        out->axis[i] = (int16_t)value;
+    }
+    return is_beyond;
+}
+
+static void take_field(struct joined *joined, const uint8_t *bytes,
+                       struct sample *out) {
+    const IN_FLASH struct joined_magnetic *from = joined->config->magnetic;
+    if (!joined->has_mag || (bytes[0] & from->fresh) != from->fresh ||
+        is_no_reading(bytes, joined->bursts[1].length)) {
+        return;
+    }
+    joined->mag_age = 0;
+    out->mag_overflow = take(bytes, &from->mag, joined->config->mag_axes, &out->mag);
+    out->has_mag = !out->mag_overflow;
+    if (out->mag_overflow) {
+        out->mag = (struct counts){0};
     }
 }
 
@@ -152,30 +175,22 @@ bool joined_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                   struct sample *out) {
     struct joined *joined = state;
     const IN_FLASH struct joined_config *config = joined->config;
+    const IN_FLASH struct joined_inertial *from = config->inertial;
     const uint8_t length = joined->bursts[0].length;
     if (is_no_reading(bytes, length)) {
         return false;
     }
     out->time_us = time_us;
-    config->inertial->parse(bytes, out);
-    turn(config->inertial_axes, &out->acc);
-    turn(config->inertial_axes, &out->gyr);
+    out->acc_clipped = take(bytes, &from->acc, config->inertial_axes, &out->acc);
+    out->gyr_clipped = take(bytes, &from->gyr, config->inertial_axes, &out->gyr);
+    // Needs a factor below 1: within 2^15 of the zero.
+    const int32_t warmth = (int32_t)part_word(bytes) * from->temperature_cdeg_q8;
+    out->temperature_cdeg =
+        (int16_t)(from->temperature_zero_cdeg + fixed_scale_down(warmth, 8));
     out->mag = (struct counts){0};
     out->has_mag = false;
     out->mag_overflow = false;
-    if (!joined->has_mag || is_no_reading(bytes + length, joined->bursts[1].length)) {
-        return true;
-    }
-    config->magnetic->parse(bytes + length, out);
-    if (!out->has_mag) {
-        return true;
-    }
-    joined->mag_age = 0;
-    if (out->mag_overflow) {
-        out->has_mag = false;
-        out->mag = (struct counts){0};
-    }
-    turn(config->mag_axes, &out->mag);
+    take_field(joined, bytes + length, out);
     return true;
 }
 

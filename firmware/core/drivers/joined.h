@@ -9,24 +9,31 @@
 
 #include "core/drivers/part.h"
 
-// What a driver of an inertial chip gives.
+// Three axes among the bytes of a burst, little-endian: where they begin, and the size
+// in counts that is beyond their range.
+struct joined_axes {
+    uint8_t place;
+    uint16_t beyond;
+};
+
+// What a driver of an inertial chip gives. Its burst begins with the temperature.
 struct joined_inertial {
     const IN_FLASH struct part_chip *chip;
     struct sensor_identity known;  // what is known before it is asked
     struct bus_burst burst;        // these two without an address
     struct sensor_ready ready;
-    // Fills acc, gyr and temperature, in the chip's axes.
-    void (*parse)(const uint8_t *bytes, struct sample *out);
+    struct joined_axes acc, gyr;
+    int16_t temperature_zero_cdeg;
+    int16_t temperature_cdeg_q8;  // a count, times 256
 };
 
-// What a driver of a magnetometer gives.
+// What a driver of a magnetometer gives. Its burst begins with a status.
 struct joined_magnetic {
     const IN_FLASH struct part_chip *chip;
     uint32_t mag_lsb_pt;
     struct bus_burst burst;  // without an address
-    // Fills mag, has_mag and mag_overflow, which are zero before, where there is a
-    // field that was not there before. In the chip's axes.
-    void (*parse)(const uint8_t *bytes, struct sample *out);
+    uint8_t fresh;           // bits of the status: a field that was not there before
+    struct joined_axes mag;
 };
 
 // The module. Each chip has been given the number of one of its own axes for each of
@@ -70,10 +77,11 @@ bool joined_parse(void *state, const uint8_t *bytes, uint32_t time_us,
 enum sensor_result joined_check(void *state,
                                 const IN_FLASH struct bus_device *bus) MUST_CHECK;
 
-// Initialiser of a struct sensor_driver over `joined`, a struct joined.
-#define JOINED_DRIVER(joined)                                                          \
+// Initialiser of a struct sensor_driver over `joined`, a struct joined, whose `begin`
+// is joined_begin() or calls it.
+#define JOINED_DRIVER(joined, begin_of)                                                \
     {                                                                                  \
-        .begin = joined_begin, .setup = joined_setup, .parse = joined_parse,           \
+        .begin = (begin_of), .setup = joined_setup, .parse = joined_parse,             \
         .check = joined_check, .state = (joined), .identity = &(joined)->identity,     \
         .bursts = (joined)->bursts, .bursts_count = 2, SENSOR_READY(&(joined)->ready)  \
     }

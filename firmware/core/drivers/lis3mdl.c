@@ -6,8 +6,6 @@
 // lis3mdl_self_test.c; AP = ArduPilot's AP_Compass_LIS3MDL.cpp.
 #include "core/drivers/lis3mdl.h"
 
-#include "core/math/fixed.h"
-
 enum {
     // REG.
     REG_CTRL1 = 0x20,
@@ -51,6 +49,9 @@ static const IN_FLASH uint8_t kept_values[] = {
     BDU,
 };
 
+#ifdef PART_WITHOUT_SELF_TEST
+static const IN_FLASH struct part_axes axes[] = {{ZYXDA}};
+#else
 // Answers, EX: 1 to 3 gauss, z 0.1 to 1, at 12 gauss. A field that changes by 0.1 gauss
 // is one that the probe turns in.
 static const IN_FLASH struct part_axes axes[] = {
@@ -61,11 +62,13 @@ static const IN_FLASH struct part_axes axes[] = {
      .least = {2281, 2281, 228},
      .most = {3 * 2281, 3 * 2281, 2281}},
 };
+#endif
 
 static const IN_FLASH struct part_row rows[] = {
     {PART_FIND, 0},
     {REG_CTRL2, SOFT_RST},
     {PART_AWAIT_RESET, SOFT_RST},
+#ifndef PART_WITHOUT_SELF_TEST
     // EX, with its rate, range and waits.
     {PART_SKIP_IF_TESTED, 12},
     {REG_CTRL5, BDU},
@@ -80,6 +83,7 @@ static const IN_FLASH struct part_row rows[] = {
     {PART_SAMPLE_STIMULATED, 0},
     {PART_JUDGE, 0},
     {REG_CTRL3, MODE_POWER_DOWN},
+#endif
     {PART_CONFIGURE, 0},
     {PART_WAIT, 40},  // three measurements
     {PART_VERIFY, 0},
@@ -101,21 +105,10 @@ static const IN_FLASH struct part_chip chip = {
     .rows = rows,
 };
 
-// A field is in the sample that finds it new; BDU keeps it whole.
-static void parse(const uint8_t *bytes, struct sample *out) {
-    if ((bytes[0] & ZYXDA) == 0) {
-        return;
-    }
-    out->has_mag = true;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->mag.axis[axis] = part_word(bytes + FIELD_PLACE + 2 * axis);
-        out->mag_overflow |= fixed_magnitude(out->mag.axis[axis]) > COUNTS_MAX;
-    }
-}
-
 const IN_FLASH struct joined_magnetic lis3mdl = {
     .chip = &chip,
     .mag_lsb_pt = ROUNDED(1e8 / 6842),  // DS table 3; a gauss is 1e8 pT
     .burst = {0, REG_STATUS | AUTO_INCREMENT, BURST_BYTES},
-    .parse = parse,
+    .fresh = ZYXDA,
+    .mag = {FIELD_PLACE, COUNTS_MAX + 1},
 };

@@ -6,10 +6,9 @@
 // ism330dhcx_reg.h; EX = ST's example lsm6dsox_self_test.c.
 #include "core/drivers/lsm6dsox.h"
 
-#include "core/math/fixed.h"
-
 enum {
     // DS table 20.
+    REG_COUNTER_BDR_REG1 = 0x0B,
     REG_INT1_CTRL = 0x0D,
     REG_CTRL1_XL = 0x10,
     REG_CTRL2_G = 0x11,
@@ -26,11 +25,12 @@ enum {
     WHO_LSM6DSOX = 0x6C,    // and LSM6DSO; and LSM6DSO32, which the force tells
     WHO_ISM330DHCX = 0x6B,  // REG
 
-    INT1_DRDY_G = 0x02,  // DS 9.9
-    OFF = 0x00,          // DS table 44
-    XL_52_HZ = 0x30,     // DS table 44
-    XL_208_HZ = 0x50,    // DS table 44: high performance, by XL_HM_MODE 0
-    XL_4_G = 0x08,       // REG: 2, 16, 4, 8 g
+    DATAREADY_PULSED = 0x80,  // DS 9.7: for 75 us
+    INT1_DRDY_G = 0x02,       // DS 9.9
+    OFF = 0x00,               // DS table 44
+    XL_52_HZ = 0x30,          // DS table 44
+    XL_208_HZ = 0x50,         // DS table 44: high performance, by XL_HM_MODE 0
+    XL_4_G = 0x08,            // REG: 2, 16, 4, 8 g
     XL_16_G = 0x04,
     G_208_HZ = 0x50,    // DS table 48
     G_2000_DPS = 0x0C,  // DS 9.13
@@ -47,8 +47,7 @@ enum {
     ACC_AXES = 0,
     GYR_AXES = 1,
 
-    TEMPERATURE_PLACE = 0,  // among the bytes of the burst
-    GYR_PLACE = REG_OUTX_L_G - REG_OUT_TEMP_L,
+    GYR_PLACE = REG_OUTX_L_G - REG_OUT_TEMP_L,  // among the bytes of the burst
     ACC_PLACE = REG_OUTX_L_A - REG_OUT_TEMP_L,
     BURST_BYTES = ACC_PLACE + 6,
 };
@@ -72,6 +71,9 @@ static const IN_FLASH uint8_t kept_values[] = {
     0,
 };
 
+#ifdef PART_WITHOUT_SELF_TEST
+static const IN_FLASH struct part_axes axes[] = {{XLDA}, {GDA}};
+#else
 // Answers, DS table 3: 50 to 1700 mg at 0.122, 150 to 700 deg/s at 0.07. An unmoved one
 // stays within 0.1 g and 4 deg/s.
 static const IN_FLASH struct part_axes axes[] = {
@@ -92,14 +94,17 @@ static const IN_FLASH struct part_axes axes[] = {
                   .most = {ROUNDED(700 / 0.07), ROUNDED(700 / 0.07),
                            ROUNDED(700 / 0.07)}},
 };
+#endif
 
 static const IN_FLASH struct part_row rows[] = {
     {PART_WAIT, 20},  // EX: 10 ms of boot
     {PART_FIND, 0},
+    {REG_INT1_CTRL, 0},  // INT1 high at a start has it know I3C alone (DS table 19)
     {REG_CTRL3_C, IF_INC | SW_RESET},
     {PART_AWAIT_RESET, SW_RESET},
     {REG_CTRL9_XL, CTRL9_XL},
     {REG_CTRL3_C, BDU | IF_INC},
+#ifndef PART_WITHOUT_SELF_TEST
     // EX, in its order, with its rates, ranges, signs and waits.
     {PART_SKIP_IF_TESTED, 17},
     {REG_CTRL1_XL, XL_52_HZ | XL_4_G},
@@ -119,10 +124,16 @@ static const IN_FLASH struct part_row rows[] = {
     {PART_WAIT, 100},
     {PART_SAMPLE_STIMULATED, GYR_AXES},
     {PART_JUDGE, GYR_AXES},
+#endif
     {PART_CONFIGURE, 0},
     {PART_WAIT, 100},
     {PART_VERIFY, 0},
     {PART_AWAIT_DATA, 50},
+#ifdef ACQUISITION_WIRED_ONLY
+    // An edge a sample whether the one before it was read or not, so that one lost
+    // burst can't end the stream; last, as the bits of STATUS may be pulses, too.
+    {REG_COUNTER_BDR_REG1, DATAREADY_PULSED},
+#endif
     {PART_DONE, 0},
 };
 
@@ -136,30 +147,11 @@ static const IN_FLASH struct part_chip chip = {
     .kept_values = kept_values,
     .axes = axes,
     .axes_count = sizeof axes / sizeof axes[0],
+#ifndef PART_WITHOUT_SELF_TEST
     .gravity_counts = ROUNDED(1000 / 0.122),
+#endif
     .rows = rows,
 };
-
-// True where one of three axes is at the end of its range, `limit`.
-static bool take_axes(const uint8_t *bytes, uint16_t limit, struct counts *out) {
-    bool is_beyond = false;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->axis[axis] = part_word(bytes + 2 * axis);
-        is_beyond |= fixed_magnitude(out->axis[axis]) >= limit;
-    }
-    return is_beyond;
-}
-
-static void parse(const uint8_t *bytes, struct sample *out) {
-    // 16 g are 32787 counts; 2000 deg/s 28571, beyond which the document says nothing.
-    out->acc_clipped = take_axes(bytes + ACC_PLACE, INT16_MAX, &out->acc);
-    out->gyr_clipped =
-        take_axes(bytes + GYR_PLACE, ROUNDED(2000 / 0.07) + 1, &out->gyr);
-    // DS table 5: 256 a degC, 0 at 25 degC. Within -103 and 153 degC.
-    out->temperature_cdeg =
-        (int16_t)(2500 + fixed_scale_down(
-                             part_word(bytes + TEMPERATURE_PLACE) * INT32_C(25), 6));
-}
 
 const IN_FLASH struct joined_inertial lsm6dsox = {
     .chip = &chip,
@@ -173,5 +165,10 @@ const IN_FLASH struct joined_inertial lsm6dsox = {
         },
     .burst = {0, REG_OUT_TEMP_L, BURST_BYTES},
     .ready = {0, REG_STATUS, GDA},
-    .parse = parse,
+    // 16 g are 32787 counts; 2000 deg/s 28571, beyond which the document says nothing.
+    .acc = {ACC_PLACE, INT16_MAX},
+    .gyr = {GYR_PLACE, ROUNDED(2000 / 0.07) + 1},
+    // DS table 5: 256 a degC, 0 at 25 degC.
+    .temperature_zero_cdeg = 2500,
+    .temperature_cdeg_q8 = 100,
 };

@@ -81,6 +81,7 @@ static enum sensor_result await_reset(struct part *part,
     return is_within(part, now, RESET_TICKS) ? SENSOR_BUSY : SENSOR_STUCK;
 }
 
+#ifndef PART_WITHOUT_SELF_TEST
 // Adds a reading to a run of PART_TEST_SAMPLES, which 2^18 bounds. The second run has
 // the first one taken off.
 static void add(struct part *part, uint8_t axis, int16_t value, bool is_stimulated,
@@ -171,6 +172,7 @@ static enum sensor_result judge(struct part *part, uint16_t now, uint8_t number)
     part->verdicts |= verdict;
     return next(part, now);
 }
+#endif
 
 static enum sensor_result write(const struct part *part,
                                 const IN_FLASH struct bus_device *bus, uint8_t reg,
@@ -248,6 +250,7 @@ static enum sensor_result do_row(struct part *part,
         return find(part, bus, now);
     case PART_AWAIT_RESET:
         return await_reset(part, bus, now, value);
+#ifndef PART_WITHOUT_SELF_TEST
     case PART_SKIP_IF_TESTED:
         if (is_tested(part)) {
             part->step = (uint8_t)(part->step + value);
@@ -260,6 +263,7 @@ static enum sensor_result do_row(struct part *part,
         return force(part, now);
     case PART_JUDGE:
         return judge(part, now, value);
+#endif
     case PART_CONFIGURE:
         return configure(part, bus, now);
     case PART_VERIFY: {

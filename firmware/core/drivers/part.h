@@ -42,13 +42,15 @@ enum {
 // Three axes of a chip, and how they answer to its stimulus.
 struct part_axes {
     uint8_t ready;  // bits of the status
-    uint8_t reg;    // six bytes from it on
-    uint8_t flag;   // SELF_TEST_..._PASSED
+#ifndef PART_WITHOUT_SELF_TEST
+    uint8_t reg;   // six bytes from it on
+    uint8_t flag;  // SELF_TEST_..._PASSED
     // Counts: how far readings may differ while it lies still; of each axis' answer,
     // its size at least and at most.
     uint16_t moving;
     uint16_t least[3];
     uint16_t most[3];
+#endif
 };
 
 // What is known of a kind of chip.
@@ -64,7 +66,9 @@ struct part_chip {
     const IN_FLASH uint8_t *kept_values;
     const IN_FLASH struct part_axes *axes;
     uint8_t axes_count;
+#ifndef PART_WITHOUT_SELF_TEST
     uint16_t gravity_counts;  // of 1 g, in PART_FORCE
+#endif
     const IN_FLASH struct part_row *rows;
 };
 
@@ -82,11 +86,13 @@ struct part {
     uint8_t wait;    // ticks
     uint16_t since;  // start of the wait in force, ticks
     bool is_found;
+#ifndef PART_WITHOUT_SELF_TEST
     bool is_moving;
     struct part_sum {
         int32_t sum;
         int16_t first;  // of a run
     } sums[3];
+#endif
 };
 
 // Starts set-up over; the verdicts of its self-test are kept.
