@@ -149,6 +149,12 @@ static void use_mpu9250(struct imuprobe *self) {
     imuprobe_use_driver(self, &driver);
 }
 
+static void use_lsm6dsox(struct imuprobe *self) {
+    self->chip.joined = (struct joined){.config = &adafruit_4517};
+    const struct sensor_driver driver = JOINED_DRIVER(&self->chip.joined, joined_begin);
+    imuprobe_use_driver(self, &driver);
+}
+
 // attach(kind, i2c, ready, recover=None, *, gyr=0x6B, xm=0x1D, fast=False): core's own
 // driver, over an I2C object and a data-ready pin whose interrupt calls edge(); with
 // None in its place the sensor is asked.
@@ -174,7 +180,7 @@ static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
         mp_load_method(args[ARG_READY].u_obj, MP_QSTR_value, call);
     }
     const mp_int_t kind = args[ARG_KIND].u_int;
-    if (kind != SENSOR_LSM9DS0 && kind != SENSOR_MPU9250) {
+    if (kind != SENSOR_LSM9DS0 && kind != SENSOR_MPU9250 && kind != SENSOR_LSM6DSOX) {
         mp_raise_ValueError(MP_ERROR_TEXT("core has no driver for this sensor"));
     }
     struct imuprobe *self = enter(all_args[0]);
@@ -183,6 +189,8 @@ static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
     self->recover = args[ARG_RECOVER].u_obj;
     if (kind == SENSOR_MPU9250) {
         use_mpu9250(self);
+    } else if (kind == SENSOR_LSM6DSOX) {
+        use_lsm6dsox(self);
     } else {
         use_lsm9ds0(self, (uint8_t)args[ARG_GYR].u_int, (uint8_t)args[ARG_XM].u_int,
                     args[ARG_FAST].u_bool);
@@ -485,6 +493,7 @@ static MP_DEFINE_CONST_OBJ_TYPE(probe_type, MP_QSTR_Probe, MP_TYPE_FLAG_NONE, ma
 static const mp_rom_map_elem_t module_table[] = {
     {MP_ROM_QSTR(MP_QSTR___name__), MP_ROM_QSTR(MP_QSTR_imuprobe)},
     {MP_ROM_QSTR(MP_QSTR_Probe), MP_ROM_PTR(&probe_type)},
+    {MP_ROM_QSTR(MP_QSTR_LSM6DSOX), MP_ROM_INT(SENSOR_LSM6DSOX)},
     {MP_ROM_QSTR(MP_QSTR_LSM9DS0), MP_ROM_INT(SENSOR_LSM9DS0)},
     {MP_ROM_QSTR(MP_QSTR_MPU9250), MP_ROM_INT(SENSOR_MPU9250)},
 };

@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "core/drivers/joined.h"
 #include "core/drivers/lsm9ds0.h"
 #include "core/drivers/mpu9250.h"
 #include "core/probe/acquisition.h"
@@ -55,6 +56,7 @@ struct imuprobe {
     union {
         struct lsm9ds0 lsm9ds0;
         struct mpu9250 mpu9250;
+        struct joined joined;
     } chip;
     struct bus_device bus;
     mp_obj_t i2c;           // machine.I2C or SoftI2C

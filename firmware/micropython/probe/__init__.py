@@ -5,11 +5,12 @@ from .battery import Battery
 from .bus import Bus
 from .log import FileLog
 from .loop import run
-from .sensors import LSM9DS0, MPU9250
+from .sensors import LSM6DSOX, LSM9DS0, MPU9250
 from .spi import SPIBus
 from .storage import FileStorage
 
 __all__ = (
+    "LSM6DSOX",
     "LSM9DS0",
     "MPU9250",
     "Battery",

@@ -5,6 +5,7 @@ from micropython import const
 
 _MPU9250 = const(1)  # enum sensor of the protocol
 _LSM9DS0 = const(3)
+_LSM6DSOX = const(4)
 
 
 class Sensor:
@@ -26,6 +27,19 @@ class MPU9250(Sensor):
         from .driver_mpu9250 import Driver
 
         probe.attach(Driver(), self.i2c, ready, self.recover)
+
+
+class LSM6DSOX(Sensor):
+    """With a LIS3MDL beside it, on Adafruit's 4517 and its like; 208 samples a second.
+    Its INT1 is the data-ready pin, or None: then it is asked. With the C module alone.
+    """
+
+    def attach(self, probe, ready):
+        """To a Probe of the C module."""
+        probe.attach(_LSM6DSOX, self.i2c, ready, self.recover)
+
+    def attach_plain(self, probe, ready):
+        raise NotImplementedError("an LSM6DSOX needs the C module: docs/micropython.md")
 
 
 class LSM9DS0(Sensor):

@@ -4,6 +4,7 @@
 from collections.abc import Callable
 from typing import Final, Protocol
 
+LSM6DSOX: Final[int]
 LSM9DS0: Final[int]
 MPU9250: Final[int]
 
