@@ -126,7 +126,10 @@ export class Machine {
     i2c.onWriteByte = (byte) => later(9, () => i2c.completeWrite(lib.put(this.now(), byte)));
     i2c.onReadByte = (isAcked) => {
       const byte = lib.get(this.now(), isAcked); // a chip has it when its first bit is due
-      later(9, () => i2c.completeRead(byte));
+      later(9, () => {
+        i2c.completeRead(byte);
+        this.advance(); // data-ready may go with a byte
+      });
     };
     i2c.onStop = () =>
       later(0.5, () => {
