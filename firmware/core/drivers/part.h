@@ -3,6 +3,8 @@
 // reset, tested and set up by a table of its own, each call a row. What the chips have
 // in common: registers of a byte, three axes little-endian, a status that says which
 // data are new, WHO_AM_I at 0x0F.
+//
+// With PART_WITHOUT_SELF_TEST, for a board that has no room for it, nothing is tested.
 #ifndef PART_H
 #define PART_H
 
