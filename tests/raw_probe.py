@@ -83,7 +83,7 @@ class Stream:
     def __init__(
         self, chain: Chain, found: Sequence[Sample], asks: str = "fields"
     ) -> None:
-        self._chain = chain
+        self.chain = chain
         self._samples = found
         self._asks = asks
         self._begin_us = chain.probe.time_us  # its time goes on
@@ -91,13 +91,17 @@ class Stream:
         self._thread = threading.Thread(target=self._run)
         self.sent = 0
 
+    def goes_on(self, found: Sequence[Sample]) -> None:
+        """More samples: `found` begins with those that it has."""
+        self._samples = found
+
     def __enter__(self) -> Self:
-        probe = self._chain.probe
+        probe = self.chain.probe
         before, probe.hello_fields = probe.hello_fields, probe.hello_fields | RATES
-        self._chain.port.write(probe.say("hello"))
+        self.chain.port.write(probe.say("hello"))
         if probe.hello_fields != before:
             # What a status says of the probe is a second old at most.
-            self._chain.status_when(
+            self.chain.status_when(
                 lambda status: status["hello"]["sample_rate"] == RATES["sample_rate"]
             )
         self._thread.start()
@@ -108,7 +112,7 @@ class Stream:
         self._thread.join(PATIENCE_S)
 
     def _run(self) -> None:
-        probe, port = self._chain.probe, self._chain.port
+        probe, port = self.chain.probe, self.chain.port
         before = len(probe.commands)
         while not self._stop.wait(PAUSE_S):
             port.write(port.answers(probe))

@@ -63,6 +63,12 @@ class Hand(threading.Thread):
         self._probe.hello_fields = self._probe.hello_fields | RATES
         self._port.write(self._probe.say("hello"))
 
+    def goes_on(self, samples: Sequence[Sample]) -> None:
+        """Says these after those that were said, instead of lying on."""
+        begin_us = self._lying[-1].t_us + 10_000 - samples[0].t_us
+        self._samples = [replace(each, t_us=each.t_us + begin_us) for each in samples]
+        self._lying = self._samples[-1:]
+
     def pick_up(self) -> None:
         """Ends the calibration's samples."""
         self._lying = []

@@ -128,6 +128,31 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("goes_on", choose(everyday=[True], long=[True, False]))
+def test_who_judges_too_early_is_asked_for_poses_once(
+    shown: Seen, desk: Desk, goes_on: bool
+) -> None:
+    page, five = shown.page, calibrating(len(ASKED))
+    begin(shown, desk, "all", five)
+    shown.until("imud.model.probe.calibration.poses === 5")
+    page.get_by_role("button", name="Judge now").click()
+    asked = page.locator(".guide [role=alert]")
+    asked.get_by_text("lay it on its left side").wait_for()
+    assert page.evaluate(PHASE) == "running"
+    assert "Good (5 of 12)" in page.locator(SAYS).inner_text()
+    if goes_on:
+        desk.hand.goes_on(calibrating()[len(five) :])
+    assert judged(shown, desk) == ("done" if goes_on else "refused")
+    if goes_on:
+        page.get_by_role("button", name="Apply").wait_for()
+    else:
+        asked.get_by_text("lay it on its left side").wait_for()
+        assert "Refused. What was in force still is." in page.locator(SAYS).inner_text()
+    desk.hand.pick_up()
+    assert desk.probe.params.records == CALIBRATED.encode()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("kind", choose(everyday=["tip", "mag"], long=[*WELL]))
 def test_each_kind_says_why_it_is_refused(shown: Seen, desk: Desk, kind: str) -> None:
     begin(shown, desk, kind, lying([UP]))

@@ -192,16 +192,34 @@ def test_who_does_not_listen_is_told_what_was_assumed() -> None:
     assert len([each for each in events if isinstance(each, Troubled)]) >= 1
 
 
-@pytest.mark.parametrize("count", [2, 4])
-def test_a_mounting_that_is_ended_early_is_refused(count: int) -> None:
-    ups = [np.array(up, dtype=float) for up in ASKED[:count]]
-    day = datetime.date(2026, 11, 27)
+def ended_early(count: int) -> tuple[CalibrationSession, list[Sample]]:
+    """A session of somebody who has laid the probe `count` times; and what is left."""
+    day, ups = datetime.date(2026, 11, 27), [np.array(up, dtype=float) for up in ASKED]
     session = CalibrationSession("mount", Subject(SCALE, Params(), True), day)
-    for sample in samples(module(TURNED), 3, ups):
-        session.feed(sample)
+    left = samples(module(TURNED), 3, ups)
+    while session.state()["poses"] < count:
+        session.feed(left.pop(0))
+    session.end()
+    return session, left
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_a_mounting_that_is_ended_early_is_asked_for_poses_once(count: int) -> None:
+    session, _ = ended_early(count)
+    asked = session.state()
+    assert asked["phase"] == "running"
+    assert "five poses tell" in asked["trouble"]
     session.end()
     assert session.phase == "refused"
     assert "five poses tell" in str(session.state()["why"])
+
+
+def test_who_goes_on_finds_the_mounting() -> None:
+    session, left = ended_early(4)
+    for sample in left:
+        session.feed(sample)
+    assert session.phase == "done"
+    assert session.state()["outcome"]["mount"]["words"]
 
 
 def test_a_mounting_alone_keeps_what_is_known() -> None:

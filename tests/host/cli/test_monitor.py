@@ -4,18 +4,11 @@
 from __future__ import annotations
 
 import math
-import os
-import pty
-import select
 import signal
-import struct
 import subprocess
 import sys
-import termios
 import threading
-import time
-from collections.abc import Callable, Iterator
-from fcntl import ioctl
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +18,7 @@ from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.cli.attitude import HORIZON, TAPE, compass, horizon
 from imud.cli.monitor import BLOCK, MonitorScreen, pipe_line
 from imud.client import Missed, Pose, Status
+from terminal import Terminal
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -204,54 +198,9 @@ def daemon(tmp_path: Path) -> Iterator[DaemonProcess]:
     port.vanish()
 
 
-class Terminal:
-    """A terminal of 80x24 with a monitor in it."""
-
-    def __init__(self, endpoint: str) -> None:
-        self._master, slave = pty.openpty()
-        self.resize(80, 24)
-        self._before = termios.tcgetattr(slave)
-        self._slave = slave
-        self.text = ""
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "imud", "monitor", "--connect", endpoint],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            env=os.environ | {"TERM": "xterm-256color"},
-        )
-
-    def resize(self, columns: int, rows: int) -> None:
-        ioctl(self._master, termios.TIOCSWINSZ, struct.pack("4H", rows, columns, 0, 0))
-
-    def press(self, keys: bytes) -> None:
-        os.write(self._master, keys)
-
-    def until(self, is_so: Callable[[str], bool]) -> None:
-        end_s = time.monotonic() + PATIENCE_S
-        while not is_so(self.text):
-            assert time.monotonic() < end_s, self.text[-2000:]
-            if select.select([self._master], [], [], 0.1)[0]:
-                self.text += os.read(self._master, 65536).decode(errors="replace")
-
-    def end(self) -> int:
-        """Its exit code; what it still draws is read meanwhile."""
-        self.until(lambda _: self.process.poll() is not None)
-        while select.select([self._master], [], [], 0)[0]:
-            self.text += os.read(self._master, 65536).decode(errors="replace")
-        assert termios.tcgetattr(self._slave) == self._before
-        return self.process.returncode
-
-    def close(self) -> None:
-        self.process.kill()
-        self.process.wait()
-        os.close(self._master)
-        os.close(self._slave)
-
-
 @pytest.fixture
 def terminal(daemon: DaemonProcess) -> Iterator[Terminal]:
-    made = Terminal(daemon.endpoint)
+    made = Terminal("monitor", "--connect", daemon.endpoint)
     yield made
     made.close()
 

@@ -124,8 +124,6 @@ class Procedure:
         """
         if self.is_over:
             return []
-        if self.is_mount_alone:
-            return [self._refuse(faults.TOO_FEW_FOR_MOUNT)]
         before = self.phase
         judged = self._judge(self._gatherer.recording())
         is_lack = isinstance(judged, FitRefused) and judged.fault.kind in faults.LACKS
@@ -293,6 +291,8 @@ class Procedure:
         self, recording: SensorRecording, turn: FloatArray | None = None
     ) -> Event:
         """The last word: a last fit, of all stops."""
+        if self.is_mount_alone:  # or it would be over
+            return self._refuse(faults.TOO_FEW_FOR_MOUNT)
         stops = self._stops = lasting(Blocks.of(recording).stops(), recording, GOOD_S)
         self.fit = whole.fit(recording, stops)
         wrong = faults.of_module(recording, stops, self.fit) or self._weakness()
