@@ -19,6 +19,7 @@ from imud import rotation
 from imud.virtual.bodies import RigidBody
 from imud.virtual.motions import misleading, ways
 from imud.virtual.motions.misleading import EARTH_UT
+from imud.virtual.motions.module import MG
 
 RATE_HZ = 200
 # Rates are means over the sample period, so 2.5 ms of delay need no lead.
@@ -76,15 +77,24 @@ KNOWN.temperature = round(100 * CALIBRATED_C)
 KNOWN.field_north, KNOWN.field_up = (4 * EARTH_UT[1:]).round().astype(int).tolist()
 
 
-def poses_of(felt: Scene, *, is_known: bool = True, warmer_k: float = 0) -> Stated:
+def poses_of(
+    felt: Scene,
+    *,
+    is_known: bool = True,
+    warmer_k: float = 0,
+    drift_mg_k: float | None = None,
+) -> Stated:
     """What the firmware's C makes of it, from power-on; `is_known`: of sensors that
-    somebody has calibrated, and so much colder.
+    somebody has calibrated, and so much colder. `drift_mg_k`: as its params tell it.
     """
     samples = felt.samples(MPU9250)
     samples["temperature_cdeg"] = round(100 * (CALIBRATED_C + warmer_k))
     samples["acc_clipped"] = (np.abs(samples["acc"].astype(int)) >= 2**15 - 1).any(1)
     tracker: Any = ffi.new("struct pose_tracker *")
     calibration = KNOWN if is_known else desk.UNKNOWN
+    if drift_mg_k is not None:
+        calibration = ffi.new("struct calibration *", KNOWN[0])
+        calibration.drift = round(12800 * MG * drift_mg_k)
     assert lib.pose_begin(tracker, calibration, MPU9250, lib.FILTER_FUSE)
     poses = np.zeros(len(felt), POSE)
     results = np.zeros(len(felt), np.int32)

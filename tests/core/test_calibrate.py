@@ -212,7 +212,12 @@ def test_a_calibration_is_valid_up_to_its_bounds_and_not_beyond(sensor, row):
         (25, 26.3, 1),
         (25, -5, 23),
         (-40, 85, 97),
+        (-42, 85, 99),
+        (-44, 85, 0),  # no chip's
+        (327, -327, 0),
         (None, 9, 0),
+        (None, -40, 0),
+        (None, -327, 0),
     ],
 )
 def test_a_measurement_tells_how_far_the_temperature_has_gone(then_c, now_c, warmth):

@@ -79,6 +79,19 @@ def test_a_calibration_may_end_with_its_sigma() -> None:
     assert store.params.calibration.acc.sigma == 0x121
 
 
+@pytest.mark.parametrize("length", [2, 4, 5, 6, 8, 9, 10, 11])
+@pytest.mark.parametrize("last", [0, 94, 255])
+def test_an_accelerometers_drift_is_read_where_its_record_has_it(length, last) -> None:
+    record = b"\x01\x00\x02\x00\xc4\x09\x05\x00\x01" + bytes([last, 7])
+    store = Store()
+    part = sensor(lib.PARAMS_ACC, 5, more=record[:length])
+    assert store.change(part) == lib.RESULT_OK
+    found = store.params.calibration
+    known_c = 2500 if length >= 6 else -(2**15)
+    assert found.temperature == known_c
+    assert found.drift == (last if length >= 10 else lib.CALIBRATION_DRIFT)
+
+
 def test_the_last_part_is_filled_up_with_zeros() -> None:
     store = Store()
     assert store.change(FULL) == lib.RESULT_OK

@@ -93,6 +93,28 @@ def test_a_probe_far_from_the_temperature_of_its_calibration_states_its_tilt():
     assert found.tilt_sigma_deg.max() < 4
 
 
+@pytest.mark.parametrize(("drift_mg_k", "sigma_deg"), [(0.1, 0.45), (0.75, 1.83)])
+def test_params_that_know_the_drift_narrow_what_is_stated(drift_mg_k, sigma_deg):
+    """30 K away; without them as with 0.75 mg/K."""
+    felt = ground.lying(10)
+    felt.acc += np.array([3, -2, 3]) * MG
+    found = poses_of(felt, warmer_k=30, drift_mg_k=drift_mg_k).since(SETTLED_S)
+    assert found.honest_tilts == 1.0
+    assert found.tilt_sigma_deg[-1] == pytest.approx(sigma_deg, abs=0.02)
+
+
+@pytest.mark.parametrize("drift_mg_k", [0.2, 2.0])
+def test_what_a_drift_may_do_to_the_level_is_stated_of_the_heading(drift_mg_k):
+    felt = ground.lying(10)
+    near, far = (
+        poses_of(felt, warmer_k=kelvin, drift_mg_k=drift_mg_k).since(SETTLED_S)
+        for kelvin in (0, 30)
+    )
+    grown = far.heading_sigma_deg[-1] - near.heading_sigma_deg[-1]
+    assert 0.0 <= grown < 15.0
+    assert grown > 0.3 * drift_mg_k
+
+
 def test_an_accelerometer_that_reads_nothing_gives_no_tilt():
     """Before: Lying at 60 degrees: 60 at 0.4."""
     felt = ground.lying(60)

@@ -31,6 +31,7 @@ void calibration_clear(struct calibration *calibration) {
     }
     calibration->field_north = CALIBRATION_NO_FIELD;
     calibration->temperature = SAMPLE_NO_TEMPERATURE;
+    calibration->drift = CALIBRATION_DRIFT;
 }
 
 bool calibration_of_sensor_is_valid(const struct calibration_of_sensor *sensor) {
@@ -97,14 +98,16 @@ static void apply_to_counts(const struct calibration_of_sensor *sensor,
 #define ACC_LIMIT_HALF FIXED_HIGH(Q21(135))   // m/s2
 #define MAG_LIMIT_HALF FIXED_HIGH(Q18(1024))  // uT
 
-// How far the temperature of the sample is from that of the calibration, 1.28 K. No
-// chip measures 300 K.
+// 128 K: chips work from -40 to 85 degC. What is not known is further away.
+#define WARMTH_MAX 99
+
+// How far the temperature of the sample is from that of the calibration, 1.28 K; 0: one
+// of them is not known.
 static uint8_t warmth_of(int16_t now, int16_t then) {
-    if (now == SAMPLE_NO_TEMPERATURE || then == SAMPLE_NO_TEMPERATURE) {
-        return 0;
-    }
-    const uint16_t apart = (uint16_t)(now > then ? now - then : then - now);
-    return (uint8_t)(apart / 128);
+    const uint16_t apart = now > then ? (uint16_t)((uint16_t)now - (uint16_t)then)
+                                      : (uint16_t)((uint16_t)then - (uint16_t)now);
+    const uint16_t warmth = apart / 128;
+    return (uint8_t)(warmth > WARMTH_MAX ? 0 : warmth);
 }
 
 void calibrate(const struct calibration *calibration,

@@ -5,6 +5,7 @@
 
 #include "core/drivers/sample.h"
 #include "core/drivers/sensor.h"
+#include "core/math/constant.h"
 #include "core/math/vector.h"
 
 // v = matrix * (counts - bias), then the sensor's scale. The sum of magnitudes of each
@@ -17,15 +18,24 @@ struct calibration_of_sensor {
     uint16_t sigma;
 };
 
-enum { CALIBRATION_NO_FIELD = INT16_MIN };
+enum {
+    CALIBRATION_NO_FIELD = INT16_MIN,
+    // Where it is not known: 0.75 mg/K; PS-MPU-9250A-01, table 2, has 1.5 as a limit.
+    CALIBRATION_DRIFT = ROUNDED(0.75e-3 * GRAVITY_M_S2 * 1.28e4),
+};
 
 struct calibration {
     // The field that the magnetometer was calibrated in, to the north and up, 0.25 uT,
-    // CALIBRATION_NO_FIELD: not known; the temperature of the accelerometer's
-    // calibration, 0.01 degC or SAMPLE_NO_TEMPERATURE.
+    // CALIBRATION_NO_FIELD: not known.
     int16_t field_north;
     int16_t field_up;
+    // Of the accelerometer's calibration, as its record has them: 0.01 degC or
+    // SAMPLE_NO_TEMPERATURE; when and how it was made; and what each kelvin from there
+    // adds to its sigma, 1e-4 m/s2 for 1.28 K.
     int16_t temperature;
+    uint16_t day;
+    uint8_t method;
+    uint8_t drift;
     union {
         struct {
             struct calibration_of_sensor acc, gyr, mag;

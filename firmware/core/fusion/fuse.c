@@ -21,16 +21,11 @@ enum {
 
 #define DRIFT_SQUARE_START_Q30 Q_RAD2(SQUARE(FUSE_DRIFT_START_DPS), 30)
 #define LEVEL_UNKNOWN_Q30 Q30(SQUARE(FUSE_LEVEL_SIGMA_G))
-// The squared sigma of two axes in 1e-4 m/s2 as rad2 q2_30.
-#define LEVEL_GAIN_Q32                                                                 \
-    Q32_UNSIGNED(2 * (1e-4 / GRAVITY_M_S2) * (1e-4 / GRAVITY_M_S2) * 1073741824.0)
 // rad2 q2_30 as 1e-4 deg2, whose steps stated variances have.
 #define CDEG2_GAIN_Q32 Q_DEG2(1e4 * 4, 0)
 #define CDEG2(degrees) ((uint32_t)ROUNDED((degrees) * (degrees)*1e4))
 // Thirds of that for what levelling goes on to correct, (rad/s)^2 q2_30.
 #define TILT_DRIFT_THIRDS Q_DEG2(3e4 / 1073741824.0 * SQUARE(FUSE_TILT_DRIFT_S), 0)
-// Of the accelerometer's error, two axes, 1.28 K from its calibration.
-#define WARMTH_CDEG2 Q_DEG2(2e4 * SQUARE(FUSE_LEVEL_WARMTH_MG_K * 1.28 / 1000), 0)
 #define FIELD_LIMIT_Q18 Q18(FUSE_READING_MAX_UT)
 #define FOUR_US_Q35 Q35(4e-6)
 
@@ -59,11 +54,10 @@ void fuse_set_accuracy(struct fuse *fuse, const struct calibration *calibration)
     fuse_set_own_accuracy(fuse, calibration->mag.sigma);
     fuse_set_scale_accuracy(fuse, calibration->gyr.sigma);
     fuse_set_known_field(fuse, calibration);
-    const uint32_t sigma = calibration->acc.sigma;
+    fuse->drift = calibration->drift;
+    const uint16_t sigma = calibration->acc.sigma;
     fuse->settings.level_variance =
-        sigma >= LEVEL_SIGMA_MAX
-            ? LEVEL_UNKNOWN_Q30
-            : (q2_30_t)fixed_umul_q32(sigma * sigma, LEVEL_GAIN_Q32);
+        sigma >= LEVEL_SIGMA_MAX ? LEVEL_UNKNOWN_Q30 : fuse_level_variance_of(sigma);
 }
 
 void fuse_set_mag_lag(struct fuse *fuse, uint16_t lag_us) {
@@ -300,12 +294,11 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     if (is_levelling(fuse) || (fuse->state.doubts & FUSE_FORCE) != 0) {
         return;
     }
-    out->tilt_sigma_cdeg = fixed_sqrt(
-        CDEG2(FUSE_TILT_FLOOR_DEG) +
-        (uint32_t)fixed_divide(fixed_times(fuse->state.drift_square, TILT_DRIFT_THIRDS),
-                               3) +
-        in_cdeg(fuse->settings.level_variance) +
-        (uint32_t)WARMTH_CDEG2 * (uint16_t)(fuse->state.warmth * fuse->state.warmth));
+    out->tilt_sigma_cdeg =
+        fixed_sqrt(CDEG2(FUSE_TILT_FLOOR_DEG) +
+                   (uint32_t)fixed_divide(
+                       fixed_times(fuse->state.drift_square, TILT_DRIFT_THIRDS), 3) +
+                   in_cdeg(fuse_level_variance(fuse)));
     if (fuse->state.doubts == 0 && (flags & (POSE_STARTING | POSE_HEADING_FREE)) == 0) {
         out->heading_sigma_cdeg = fixed_sqrt(CDEG2(FUSE_HEADING_FLOOR_DEG) +
                                              in_cdeg(fuse->state.heading_variance));

@@ -11,8 +11,9 @@
 // Upper halves of q11_21: 32nds of 1 m/s2.
 #define GRAVITY_MIN ROUNDED(FUSE_GRAVITY_MIN_M_S2 * 32)
 #define GRAVITY_RANGE ROUNDED((FUSE_GRAVITY_MAX_M_S2 - FUSE_GRAVITY_MIN_M_S2) * 32)
-// Of two axes, 1.28 K from the calibration.
-#define WARMTH_Q30 Q30(2 * SQUARE(FUSE_LEVEL_WARMTH_MG_K * 1.28 / 1000))
+// The squared sigma of two axes in 1e-4 m/s2 as rad2 q2_30.
+#define LEVEL_GAIN_Q32                                                                 \
+    Q32_UNSIGNED(2 * (1e-4 / GRAVITY_M_S2) * (1e-4 / GRAVITY_M_S2) * 1073741824.0)
 // A correction, rad a window as q2_30, to rad/s q7_25.
 #define TILTING_GAIN_Q14 Q14(1 / FUSE_WINDOW_S / 32)
 
@@ -64,9 +65,13 @@ void fuse_level_first(struct fuse *fuse) {
     fuse->state.world_from_inertial = fuse->state.level_from_inertial;
 }
 
+q2_30_t fuse_level_variance_of(uint16_t sigma) {
+    return (q2_30_t)fixed_umul_q32((uint32_t)sigma * sigma, LEVEL_GAIN_Q32);
+}
+
 q2_30_t fuse_level_variance(const struct fuse *fuse) {
-    const uint16_t square = (uint16_t)(fuse->state.warmth * fuse->state.warmth);
-    return fuse->settings.level_variance + fixed_times(WARMTH_Q30, square);
+    return fuse->settings.level_variance +
+           fuse_level_variance_of((uint16_t)(fuse->state.warmth * fuse->drift));
 }
 
 // Orientation lost: keep it as the initial guess, and level again.

@@ -27,9 +27,6 @@
 #define FUSE_GRAVITY_MAX_M_S2 17.6  // centrifuges of made motions stay within them
 #define FUSE_LEVEL_SIGMA_G 0.06     // error of the force where nothing is calibrated
 #define FUSE_UNSETTLED_S 10.0       // after lost motion, levelling says nothing of bias
-#define FUSE_LEVEL_WARMTH_MG_K                                                         \
-    0.75                     // sigma of an axis, a kelvin from its calibration;
-                             // PS-MPU-9250A-01, table 2, has 1.5 as a limit
 #define FUSE_CLIPPED_LOST 4  // clipped samples in a window that lose the attitude
 #define FUSE_INTERVAL_MAX_US 60000  // integrated between two samples, in nine steps
 

@@ -69,6 +69,9 @@ void fuse_take_first(struct fuse *fuse, const struct vector *force_body);
 void fuse_level_first(struct fuse *fuse);
 // Of the level by the accelerometer's own error, rad2, as far as temperature goes.
 q2_30_t fuse_level_variance(const struct fuse *fuse);
+
+// The same by a sigma of an axis, 1e-4 m/s2; at most 0.9.
+q2_30_t fuse_level_variance_of(uint16_t sigma);
 // Level from the mean force of the window.
 void fuse_stage_level(struct fuse *fuse);
 

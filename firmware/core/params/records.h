@@ -17,7 +17,7 @@ enum params_record {
 
 // Bytes of the parts.
 enum {
-    PARAMS_ACC_SIZE = 39,
+    PARAMS_ACC_SIZE = 40,
     PARAMS_GYR_SIZE = 39,
     PARAMS_MAG_SIZE = 49,
     PARAMS_TIP_SIZE = 23,
@@ -29,6 +29,7 @@ enum {
 #define ACC_RESIDUAL_NULL UINT16_MAX
 #define ACC_TEMPERATURE_NULL INT16_MIN
 #define ACC_DAY_NULL UINT16_MAX
+#define ACC_DRIFT_NULL UINT8_C(94)
 #define GYR_SIGMA_NULL UINT16_MAX
 #define GYR_RESIDUAL_NULL UINT16_MAX
 #define GYR_TEMPERATURE_NULL INT16_MIN
@@ -55,6 +56,7 @@ struct record_acc {
     int16_t temperature;  // 0.01 degC
     uint16_t day;         // days
     uint8_t method;       // enum method
+    uint8_t drift;        // 78125e-9 m/s2/K
 };
 
 struct record_gyr {

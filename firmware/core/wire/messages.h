@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xca827033u
-#define SCHEMA_SEED 0x7033u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0x8a833184u
+#define SCHEMA_SEED 0x3184u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,

@@ -64,16 +64,20 @@ def with_sensor(
     params: Params, name: str, affine: Affine, scale: Scale, values: dict[str, Any]
 ) -> Params:
     """The params with the record of a sensor, with `values` by their keys; what a fit
-    leaves over is at most what the wire can say.
+    leaves over is at most what the wire can say. How an accelerometer drifts stays
+    known.
     """
     unit = {"acc": scale.acc_m_s2, "gyr": scale.gyr_rad_s, "mag": scale.mag_ut}[name]
     shown = {
         key: min(value, _LIMITS[key]) if key in _LIMITS else value
         for key, value in values.items()
     }
+    before = params.acc if name == "acc" else None
+    kept = {} if before is None else {"drift_m_s2_k": before.drift_m_s2_k}
     return params.replaced(
         name,
         {
+            **kept,
             **shown,
             "bias_counts": (affine.bias / unit).tolist(),
             "matrix": affine.matrix.tolist(),

@@ -10,8 +10,8 @@ from imud.calibration.guided.verify import Report
 from imud.calibration.result import CalibrationResult
 from imud.calibration.tip.score import INSIDE
 from imud.calibration.tip_found import TipFound
-from imud.cli.params_text import differences
-from imud.params.condition import TITLES
+from imud.cli.params_text import differences, drift_words
+from imud.params.condition import G_M_S2, TITLES
 from imud.params.value import Params
 
 AROUND = 2.45  # of two axes' sigma: 95 % of directions are nearer
@@ -95,7 +95,9 @@ def _left(params: Params, name: str) -> str:
     if of is None or of.residual is None:
         return "calibrated"
     if name == "acc":
-        return f"{1000.0 * of.residual / 9.80665:.2f} mg left over at the stops"
+        left = f"{1000.0 * of.residual / G_M_S2:.2f} mg left over at the stops"
+        drift = of.drift_m_s2_k
+        return left if drift is None else f"{left}; {drift_words(drift)}"
     if name == "gyr":
         sure = f"; scale +-{100.0 * of.sigma:.2f} %" if of.sigma is not None else ""
         return f"{57.29578 * of.residual:.2f} degrees left over after a turn{sure}"

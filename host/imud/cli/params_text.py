@@ -14,7 +14,7 @@ from typing import Any
 from imud.client import Client
 from imud.errors import CommandRefused, FileError, ParamsError
 from imud.params import file
-from imud.params.condition import TITLES
+from imud.params.condition import G_M_S2, TITLES
 from imud.params.file import ParamsFile
 from imud.params.parts import NAMES, kind_of
 from imud.params.value import SENSORS, Calibration, Params
@@ -92,12 +92,19 @@ def _calibration_lines(name: str, of: Calibration) -> list[str]:
         sure += f"; residual of the fit {_with_unit(of.residual, residual_unit)}"
     bias = " ".join(f"{value:.2f}" for value in of.bias_counts)
     lines = [made, sure, f"bias {bias} counts; {_matrix_words(of)}"]
+    if of.drift_m_s2_k is not None:
+        lines.append(f"{drift_words(of.drift_m_s2_k)}, of two calibrations")
     if of.norm_ut is not None or of.dip_deg is not None:
         norm, dip = _with_unit(of.norm_ut, "uT"), _with_unit(of.dip_deg, "deg")
         lines.append(f"in a field of {norm}, {dip} below the horizontal")
     if of.lag_s is not None:
         lines.append(f"{1000 * of.lag_s:.2f} ms behind the gyroscope")
     return lines
+
+
+def drift_words(drift_m_s2_k: float) -> str:
+    """What the temperature does to an accelerometer."""
+    return f"{1000.0 * drift_m_s2_k / G_M_S2:.2f} mg more error for each kelvin"
 
 
 def _made(method: object, day: object, temperature_c: float | None) -> str:

@@ -196,11 +196,11 @@ class Intake:
             entry.poses += 1
             entry.take_pose(record.values)
         elif message.name == "raw":
-            entry.temperature_c = record.values["temperature_c"]
+            entry.take_temperature(record.values["temperature_c"])
         elif message.name == "status":
             entry.counters = dict(message.fields)
             warmth = message.fields["temperature"]
-            entry.temperature_c = warmth if isinstance(warmth, float) else None
+            entry.take_temperature(warmth if isinstance(warmth, float) else None)
             entry.counters_sequence = message.sequence
             follow_status(entry)
         elif message.name == "equipment":

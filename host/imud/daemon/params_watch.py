@@ -13,7 +13,13 @@ from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.daemon.sensor_watch import is_working
 from imud.errors import ParamsError
-from imud.params.condition import Condition, advice, condition_of, flags_of
+from imud.params.condition import (
+    Condition,
+    advice,
+    condition_of,
+    flags_of,
+    moved_words,
+)
 from imud.params.value import SENSORS, Params, payload_of
 from imud.probes.sensors import has_magnetometer
 
@@ -102,7 +108,10 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     if not entry.counters:  # its temperature comes with its first status
         unknown = Condition.UNKNOWN_TEMPERATURE
         cared_for = {name: of for name, of in cared_for.items() if of != unknown}
-    summed |= {"advice": advice(cared_for), "flags": flags_of(cared_for)}
+    moved = ""
+    if cared_for.get("acc") is Condition.OTHER_TEMPERATURE:
+        moved = moved_words(params.plain("acc"), entry.temperature_c)
+    summed |= {"advice": advice(cared_for, moved), "flags": flags_of(cared_for)}
     for name in (*SENSORS, "tip"):
         values = described[name] or {}
         kept = {

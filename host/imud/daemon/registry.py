@@ -33,6 +33,9 @@ LISTED_MAX = 4
 # So many failed transfers of samples, and a probe sets its sensor up again.
 BURSTS_FAILED_MAX = 5
 
+# By so much a temperature may differ from the one that is known: sensors are noisy.
+TEMPERATURE_NOISE_DEGC = 1.0
+
 MakeStages = Callable[[Config], list[Stage]]
 
 
@@ -123,6 +126,12 @@ class ProbeEntry:
         """Of a message of that kind that a stage has computed."""
         self._ahead[name] = self._ahead.get(name, 0) + 1
         return self._heard.get(name, 0) + self._ahead[name]
+
+    def take_temperature(self, degc: float | None) -> None:
+        """That of the sensor now; its noise leaves the one that is known."""
+        known = self.temperature_c
+        if known is None or degc is None or abs(degc - known) > TEMPERATURE_NOISE_DEGC:
+            self.temperature_c = degc
 
     def take_pose(self, pose: Mapping[str, Any]) -> None:
         """The pose that has just been heard, or computed of what was."""

@@ -5,6 +5,7 @@ with the cure, and as flags of poses."""
 from __future__ import annotations
 
 import datetime
+import math
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any
@@ -13,8 +14,13 @@ from typing import Any
 # time, and iron of the housing is magnetised anew.
 OLD_DAYS = 365
 # By so much another temperature moves an MPU-9250's accelerometer by 15 mg (product
-# specification, table 2: 1.5 mg/degC).
+# specification, table 2: 1.5 mg/degC, here two sigma).
 APART_DEGC = 10.0
+STEP_DEGC = 5.0  # of what words say
+G_M_S2 = 9.80665
+# Of an accelerometer that nobody has calibrated at two temperatures: the sigma of an
+# axis, a kelvin (CALIBRATION_DRIFT in firmware/core).
+DRIFT_M_S2_K = 0.75e-3 * G_M_S2
 
 
 class Condition(StrEnum):
@@ -32,7 +38,7 @@ _WORDS = {
     Condition.UNCALIBRATED: "not calibrated: imud calibrate",
     Condition.OLD: "calibrated over a year ago: imud calibrate verify",
     Condition.OTHER_TEMPERATURE: (
-        "calibrated at another temperature: imud calibrate verify"
+        "calibrated at another temperature{moved}: imud calibrate verify"
     ),
     Condition.UNKNOWN_TEMPERATURE: (
         "perhaps calibrated at another temperature, which nobody knows: imud calibrate "
@@ -45,15 +51,38 @@ _FLAGS = {
 }
 
 
-def advice(conditions: Mapping[str, Condition]) -> str:
-    """Which sensors need something, and what; empty if none does."""
+def advice(conditions: Mapping[str, Condition], moved: str = "") -> str:
+    """Which sensors need something, and what; empty if none does. `moved`: what
+    moved_words() says of the accelerometer.
+    """
     sentences = []
     for condition, words in _WORDS.items():
         names = [TITLES[each] for each, of in conditions.items() if of is condition]
         if names:
             first = ", ".join(names[:-1])
-            sentences.append(f"{first + ' and ' if first else ''}{names[-1]} {words}")
+            names_said = f"{first + ' and ' if first else ''}{names[-1]}"
+            sentences.append(f"{names_said} {words.format(moved=moved)}")
     return "; ".join(sentences)
+
+
+def moved_words(acc: Mapping[str, Any] | None, temperature_c: float | None) -> str:
+    """How far an accelerometer is from the temperature of its calibration, and by how
+    much its tilt may be wrong, in 95 of 100 cases; in steps, so that the words stay
+    while it warms up a little. Empty where that is not known.
+    """
+    if acc is None or temperature_c is None:
+        return ""
+    calibrated_c, sigma = acc.get("temperature_c"), acc.get("sigma_m_s2")
+    if calibrated_c is None or sigma is None:
+        return ""
+    now_c = STEP_DEGC * round(temperature_c / STEP_DEGC)
+    drift = acc.get("drift_m_s2_k") or DRIFT_M_S2_K
+    wrong = math.hypot(sigma, drift * (now_c - calibrated_c)) / G_M_S2
+    tilt_deg = math.degrees(1.96 * math.sqrt(2.0) * wrong)  # of two axes
+    return (
+        f" ({calibrated_c:.0f} degC, now about {now_c:.0f}: tilt may be off by up to "
+        f"{tilt_deg:.1f} degrees)"
+    )
 
 
 def flags_of(conditions: Mapping[str, Condition]) -> tuple[str, ...]:
@@ -66,7 +95,8 @@ def condition_of(
     values: Mapping[str, Any] | None, today: datetime.date, temperature_c: float | None
 ) -> Condition:
     """By the values of a sensor's record, as Params.plain() gives them; None: it has
-    none. `temperature_c`: of the die, None where it is not known.
+    none. `temperature_c`: of the die, None where it is not known. The less a sensor
+    drifts, the further from its calibration it holds.
     """
     if values is None or not any(
         key.startswith("sigma") and value is not None for key, value in values.items()
@@ -77,5 +107,6 @@ def condition_of(
         return Condition.OLD
     if calibrated_c is None or temperature_c is None:
         return Condition.UNKNOWN_TEMPERATURE
-    is_near = abs(temperature_c - calibrated_c) <= APART_DEGC
+    drift = values.get("drift_m_s2_k") or DRIFT_M_S2_K
+    is_near = abs(temperature_c - calibrated_c) * drift <= APART_DEGC * DRIFT_M_S2_K
     return Condition.CALIBRATED if is_near else Condition.OTHER_TEMPERATURE

@@ -35,6 +35,7 @@ SUFFIXES = {
     "degC": "_c",
     "m": "_m",
     "m/s2": "_m_s2",
+    "m/s2/K": "_m_s2_k",
     "rad": "_rad",
     "s": "_s",
     "uT": "_uT",

@@ -57,6 +57,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     norm_ut: float | None = None  # of the field that it was calibrated in
     dip_deg: float | None = None
     lag_s: float | None = None
+    drift_m_s2_k: float | None = None  # what a kelvin adds to sigma; acc alone
 
 
 class Tip(msgspec.Struct, frozen=True, kw_only=True):
@@ -180,7 +181,14 @@ class Params(msgspec.Struct, frozen=True):
             norm_ut=plain.get("norm_uT"),
             **{
                 key: plain.get(key)
-                for key in ("temperature_c", "day", "method", "dip_deg", "lag_s")
+                for key in (
+                    "temperature_c",
+                    "day",
+                    "method",
+                    "dip_deg",
+                    "lag_s",
+                    "drift_m_s2_k",
+                )
             },
         )
 

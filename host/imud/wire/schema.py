@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xCA827033
-SEED = 0x7033  # of the CRC of all messages but hello
+FINGERPRINT = 0x8A833184
+SEED = 0x3184  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -488,6 +488,7 @@ RECORDS = (
             Field("temperature", 0, "i16", scale=0.01, unit="degC", null=-32768),
             Field("day", 0, "u16", unit="days", null=65535),
             Field("method", 0, "u8", enum=Method),
+            Field("drift", 0, "u8", scale=78125e-9, unit="m/s2/K", null=94),
         ),
     ),
     RecordType(

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import re
 from typing import Any
 
 import pytest
@@ -14,12 +15,15 @@ from fakes import PATIENCE_S
 from fakes.params import parts_of
 from imud.params.condition import (
     APART_DEGC,
+    DRIFT_M_S2_K,
     OLD_DAYS,
     Condition,
     advice,
     condition_of,
     flags_of,
+    moved_words,
 )
+from imud.params.parts import kind_of
 from params_bench import GOOD as PARAMS
 
 DAY = datetime.date(2026, 11, 23)
@@ -54,6 +58,33 @@ def test_a_temperature_that_is_not_known_is_never_called_good():
     assert after(OLD_DAYS + 1, GOOD, None) == Condition.OLD
     assert "which nobody knows" in advice({"acc": unknown})
     assert flags_of({"acc": unknown}) == ()
+
+
+def test_the_less_an_accelerometer_drifts_the_further_its_calibration_holds():
+    acc = {"sigma_m_s2": 0.01, "day": DAY, "temperature_c": 25.0}
+    assert after(0, acc, 36.0) == Condition.OTHER_TEMPERATURE
+    calm, wild = acc | {"drift_m_s2_k": 0.0015}, acc | {"drift_m_s2_k": 0.015}
+    assert after(0, calm, 36.0) == Condition.CALIBRATED
+    assert after(0, calm, 75.0) == Condition.OTHER_TEMPERATURE
+    assert after(0, wild, 31.0) == Condition.OTHER_TEMPERATURE
+
+
+def test_words_say_how_far_the_temperature_is_and_what_that_may_do():
+    acc = {"sigma_m_s2": 0.01, "temperature_c": 22.1}
+    words = " (22 degC, now about 50: tilt may be off by up to 3.3 degrees)"
+    assert moved_words(acc, 51.9) == moved_words(acc, 48.1) == words
+    assert "off by up to 0.5 degrees" in moved_words(acc | {"drift_m_s2_k": 1e-3}, 52)
+    assert moved_words(acc, None) == ""
+    assert moved_words(None, 50.0) == ""
+    assert moved_words(acc | {"temperature_c": None}, 50.0) == ""
+    assert words in advice({"acc": Condition.OTHER_TEMPERATURE}, words)
+
+
+def test_what_is_assumed_of_a_drift_is_what_the_wire_calls_unknown():
+    drift = kind_of("acc").keys["drift_m_s2_k"]
+    assert drift.plain(drift.wire(None)) is None
+    assert drift.wire(DRIFT_M_S2_K) == drift.null
+    assert drift.wire(255 / 12800) == (255,)
 
 
 def test_a_day_that_is_not_known_is_no_reproach():
@@ -91,6 +122,51 @@ def test_what_to_do_is_said_in_words_and_by_flags(conditions, words, flags):
     found = dict(zip(("acc", "gyr", "mag"), conditions, strict=True))
     assert advice(found) == words
     assert flags_of(found) == flags
+
+
+def test_poses_alone_tell_that_a_calibration_is_far_from_its_temperature(
+    chain: Chain,
+) -> None:
+    """By the temperature in `status`; without one nothing is called good."""
+    known = PARAMS
+    for name in ("acc", "gyr", "mag"):
+        sigma = {"acc": "sigma_m_s2", "gyr": "sigma", "mag": "sigma_uT"}[name]
+        values = (known.plain("acc") or {}) | {"temperature_c": 22.0, "day": None}
+        values = {
+            key: value
+            for key, value in values.items()
+            if not key.startswith(("sigma", "residual", "drift"))
+        }
+        known = known.replaced(name, values | {sigma: 0.001})
+    probe, poses = chain.probe, chain.hear("pose")
+    probe.hello_fields = probe.hello_fields | {"params_digest": known.digest}
+    chain.port.write(probe.say("hello"))
+    parts = parts_of(known.encode())
+    chain.port.write(b"".join(probe.say("params", **part) for part in parts))
+
+    def advises(temperature_c: float | None, words: str) -> None:
+        chain.port.write(probe.say("status", temperature=temperature_c))
+        chain.status_when(lambda status: status["params"].get("advice") == words)
+
+    which = "accelerometer, gyroscope and magnetometer"
+    far = (
+        f"{which} calibrated at another temperature (22 degC, now about 50: tilt may "
+        "be off by up to 3.3 degrees): imud calibrate verify"
+    )
+    advises(52.0, far)
+    chain.daemon.expect(re.escape(f"probe {probe.name}: {far}"))
+    assert not [line for line in chain.daemon.lines if "is good" in line]
+    chain.port.write(probe.say("pose"))
+    flags = json.loads(poses.get(timeout=PATIENCE_S))["flags"]
+    assert flags == ["at_rest", "calibration_temperature"]
+    advises(25.0, "")
+    chain.daemon.expect(f"probe {probe.name}: its calibration is good")
+    advises(25.9, "")
+    advises(
+        None,
+        f"{which} perhaps calibrated at another temperature, which nobody knows: imud "
+        "calibrate verify",
+    )
 
 
 def test_a_probe_with_an_old_calibration_says_so_in_poses_status_and_journal(

@@ -112,7 +112,7 @@ def test_who_edits_a_file_takes_out_its_digest() -> None:
         ('method = "positions"', "", "[acc] method: is missing"),
         ('method = "positions"', "day = 3", "[acc] day: is not a date"),
         ("[acc]", "acc = 1\n[gyr]", "acc is a table: [acc] on a line of its own"),
-        ("[acc]", "[acc]\nparts = 9", "[acc] parts is not from 0 to 7"),
+        ("[acc]", "[acc]\nparts = 9", "[acc] parts is not from 0 to 8"),
         ("[acc]", "[acc]\nparts = 2", "sigma_m_s2: the record ends before"),
         ("[acc]", "[acc]\ntail = 'x'", "[acc] tail: bytes are pairs of hexadecimal"),
         ("[acc]", "[unknown]\n5 = ''\n[acc]", "5: this is a record that is known: [op"),

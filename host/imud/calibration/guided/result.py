@@ -10,6 +10,7 @@ import numpy as np
 
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn
+from imud.calibration.drift import with_drift
 from imud.calibration.earth import Earth, strangeness
 from imud.calibration.guided.wave import Wave
 from imud.calibration.guided.whole import ModuleFit
@@ -44,6 +45,7 @@ def result_of_fit(
         own = {"sigma_m_s2": sigma, "residual_m_s2": fit.acc.residual_m_s2}
         affine = Affine(into @ fit.acc.matrix, fit.acc.bias)
         params = with_sensor(params, "acc", affine, scale, made | own)
+        params = with_drift(params, before.acc, scale.acc_m_s2)
         done.append("acc")
     if "gyr" in sensors or "gyro" in sensors:
         sigma = max(fit.gyr.sigma, GYR_SIGMA_MIN)

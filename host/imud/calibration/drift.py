@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: MIT
+"""By how much an accelerometer's bias moves with its temperature, learned where it is
+calibrated at another one than before.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imud.calibration.recording import GRAVITY_M_S2
+from imud.params.condition import DRIFT_M_S2_K
+from imud.params.value import Calibration, Params
+
+MG = 1e-3 * GRAVITY_M_S2
+DRIFT_MAX_M_S2_K = 255 / 12800  # the wire's largest
+# What a bias moves by itself between two calibrations, sigma of an axis; assumed.
+REPEATS_M_S2 = 2.0 * MG
+# No temperature moves a bias by so much a kelvin: it was knocked, or is another one.
+IMPOSSIBLE_M_S2_K = 5.0 * MG
+
+
+def drift_of(
+    before: Calibration | None, after: Calibration, count_m_s2: float
+) -> float | None:
+    """What each kelvin from the temperature of the calibration `after` adds to the
+    one-sigma error of an axis, m/s2; None: nobody knows. `count_m_s2`: of one count.
+
+    The slopes of the axes between both calibrations and their uncertainty, for slopes
+    that are as likely to be those of a data sheet as of what was known before. The less
+    two calibrations tell, the more stays what was known.
+    """
+    if before is None:
+        return None
+    known = before.drift_m_s2_k
+    if before.temperature_c is None or after.temperature_c is None:
+        return known
+    if before.sigma is None or after.sigma is None:
+        return known
+    apart_k = after.temperature_c - before.temperature_c
+    moved = count_m_s2 * np.subtract(after.bias_counts, before.bias_counts)
+    moved_square = float(np.mean(moved**2))
+    if moved_square > (IMPOSSIBLE_M_S2_K * apart_k) ** 2:
+        return known
+    noise_square = before.sigma**2 + after.sigma**2 + REPEATS_M_S2**2
+    prior = (known or DRIFT_M_S2_K) ** 2
+    # Of the slopes this share of `moved * apart_k` is believed, and this share of the
+    # noise is the variance that is left.
+    trust = prior / (prior * apart_k**2 + noise_square)
+    square = trust * (trust * apart_k**2 * moved_square + noise_square)
+    return min(float(np.sqrt(square)), DRIFT_MAX_M_S2_K)
+
+
+def with_drift(params: Params, before: Calibration | None, count_m_s2: float) -> Params:
+    """The params with that of their accelerometer, which was calibrated as `before`."""
+    if params.acc is None:
+        return params
+    drift = drift_of(before, params.acc, count_m_s2)
+    values = params.plain("acc") or {}
+    return params.replaced("acc", {**values, "drift_m_s2_k": drift})
