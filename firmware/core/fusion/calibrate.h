@@ -5,7 +5,6 @@
 
 #include "core/drivers/sample.h"
 #include "core/drivers/sensor.h"
-#include "core/math/constant.h"
 #include "core/math/vector.h"
 
 // v = matrix * (counts - bias), then the sensor's scale. The sum of magnitudes of each
@@ -21,7 +20,7 @@ struct calibration_of_sensor {
 enum {
     CALIBRATION_NO_FIELD = INT16_MIN,
     // Where it is not known: 0.75 mg/K; PS-MPU-9250A-01, table 2, has 1.5 as a limit.
-    CALIBRATION_DRIFT = ROUNDED(0.75e-3 * GRAVITY_M_S2 * 1.28e4),
+    CALIBRATION_DRIFT = 94,
 };
 
 struct calibration {
