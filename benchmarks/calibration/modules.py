@@ -18,25 +18,24 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.calibration import rough, shop_trials, simulated
+from benchmarks.calibration import asking, rough, shop_trials, simulated
+from benchmarks.calibration.cases import CASES, Case, crowd, laid
 from benchmarks.calibration.report import GUIDED, Results, show
 from benchmarks.common.figure import SETS
 from benchmarks.common.paths import RESULTS
 from imud.calibration import poses
 from imud.calibration.affine import Affine, MethodError
-from imud.calibration.algebra import units
 from imud.calibration.guided import faults, whole
 from imud.calibration.guided.events import Finished
 from imud.calibration.guided.housing import found as housing_found
 from imud.calibration.guided.procedure import Procedure
 from imud.calibration.papers.methods import METHODS, by_method
-from imud.calibration.recording import Gatherer, SensorRecording
+from imud.calibration.recording import Gatherer
 from imud.calibration.stops import find_stops
 from imud.cli.calibrate_source import of_file
 from imud.progress import Progress
@@ -44,8 +43,6 @@ from imud.rotation import FloatArray
 from imud.virtual.boards import BOARDS
 from imud.virtual.calibrating import RECORDS_HZ, SCALE, Manners, Sampler, pieces
 from imud.virtual.modules import named, shop
-from imud.virtual.motions.module import Module
-from imud.virtual.sensors import World
 
 OUTPUT = RESULTS / "calibration.json"
 
@@ -59,85 +56,12 @@ LONGEST_S = 150.0  # of a hand that is never done
 FIT_MODULES = 10  # of which the time is measured
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """How modules are calibrated."""
-
-    name: str
-    poses: int = 12
-    stop_s: float = 2.0
-    user: str = "guided"
-    uneven_ut: float = 0.0
-    warm_degc: float = 0.0
-    is_held: bool = False
-    has_housing: bool = False
-
-
-CASES = (
-    Case("12 poses"),
-    Case("4 poses", poses=4),
-    Case("6 poses", poses=6),
-    Case("9 poses", poses=9),
-    Case("18 poses", poses=18),
-    Case("12, stops of 1 s", stop_s=1.0),
-    Case("12, six faces only", user="faces"),
-    Case("12, never upside down", user="upright"),
-    Case("12, lazy: 20 degrees of tilt", user="lazy"),
-    Case("12, field uneven by 2 uT", uneven_ut=2.0),
-    Case("12, field uneven by 5 uT", uneven_ut=5.0),
-    Case("12, 5 degC of warm-up", warm_degc=5.0),
-    Case("12 and the housing", has_housing=True),
-)
-USERS = ("guided", "faces", "free", "upright", "lazy", "two axes")
-
-
-def ups_of(case: Case, random: np.random.Generator) -> list[FloatArray | None]:
-    """Where up is in the body, pose by pose; None: half a turn where it lies."""
-    count = case.poses
-    faces = [pose.up for pose in poses.ALL[:6]]
-    if case.user == "guided":
-        order = [*poses.TWELVE, *(p for p in poses.ALL if p not in poses.TWELVE)]
-        found = np.array([pose.up for pose in order[:count]])
-    elif case.user == "faces":
-        found = np.array([faces[index % 6] for index in range(count)])
-    else:
-        found = random.standard_normal((count, 3))
-        if case.user == "upright":
-            found[:, 2] = np.abs(found[:, 2]) + 0.1
-        elif case.user == "lazy":
-            found = np.append(0.35 * found[:, :2], np.ones((count, 1)), axis=1)
-        elif case.user == "two axes":
-            found[:, 0] *= 0.15
-    ups: list[FloatArray | None] = list(units(found))
-    return [*ups, poses.BASE_DOWN.up, None] if case.has_housing else ups
-
-
-def made(case: Case, seed: int) -> tuple[Module, SensorRecording]:
-    """A module, and its recording as the case has it."""
-    random = np.random.default_rng([seed, 0xCA11])
-    module = shop(random, case.warm_degc)
-    manners = Manners(
-        stop_s=case.stop_s,
-        off_rad=math.radians(2.0 if case.user == "faces" else 8.0),
-        is_held=case.is_held,
-    )
-    world: World = simulated.EARTH
-    if case.uneven_ut > 0.0:
-        world = simulated.uneven(case.uneven_ut, random)
-    ups = ups_of(case, random)
-    return module, simulated.recorded(
-        simulated.samples(module, seed, ups, manners, world)
-    )
-
-
 def measure(task: tuple[Case, int]) -> dict[str, Any]:
     """One recording: its errors, what the score says, whether it is accepted."""
     case, seed = task
-    module, recording = made(case, seed)
-    fit = whole.fit(recording)
-    stops = find_stops(recording)
-    fault = faults.of_module(recording, stops, fit)
-    fault = fault or faults.of_score(fit, len(stops), has_mag=True)
+    found = laid(case, seed)
+    recording = found.recording()
+    fit, fault = asking.judged(recording)
     row: dict[str, Any] = {
         "case": case.name,
         "seed": seed,
@@ -146,12 +70,22 @@ def measure(task: tuple[Case, int]) -> dict[str, Any]:
     row["refused"] = fault.kind if fault is not None else None
     if fit is None:
         return row
-    row |= simulated.errors(module, fit)
+    row |= simulated.errors(found.module, fit)
     row["limit"] = fit.score.tilt_limit_deg
     row |= {"stated_tilt": fit.score.tilt_deg, "stated": fit.score.heading_deg}
     turn = housing_found(recording, fit) if case.has_housing else None
     if turn is not None:
-        row["housing"] = simulated.housing_error(module, fit, turn)
+        row["housing"] = simulated.housing_error(found.module, fit, turn)
+    return row
+
+
+def of_crowd(task: tuple[Case, int]) -> dict[str, Any]:
+    """The same, and what comes of it where the guide asks for more poses; not of hands
+    that never let go.
+    """
+    row = measure(task)
+    if row["refused"] in faults.LACKS and not task[0].is_held:
+        row["asked"] = asking.goes_on(laid(*task))
     return row
 
 
@@ -203,20 +137,6 @@ def through_image(task: tuple[str, int]) -> dict[str, Any]:
     return row
 
 
-def crowd(seed: int) -> Case:
-    """A recording of any kind."""
-    random = np.random.default_rng([seed, 0xC0D])
-    return Case(
-        "any",
-        poses=int(random.integers(4, 19)),
-        stop_s=float(random.uniform(0.75, 3.0)),
-        user=str(random.choice(USERS)),
-        uneven_ut=float(random.choice([0.0, random.uniform(0.0, 6.0)])),
-        warm_degc=float(random.choice([0.0, random.uniform(0.0, 8.0)])),
-        is_held=bool(random.random() < 0.15),
-    )
-
-
 def by_methods(seed: int) -> dict[str, Any]:
     """Each method on one recording: six faces with a half turn on each, then six edges,
     so that every method has what it needs.
@@ -256,7 +176,7 @@ def seconds_of_fit() -> float:
     """The median processor time of a fit of twelve poses, on this machine."""
     times = []
     for seed in range(FIT_MODULES):
-        _, recording = made(CASES[0], 2 * seed)
+        recording = laid(CASES[0], 2 * seed).recording()
         begun = time.process_time()
         whole.fit(recording)
         times.append(time.process_time() - begun)
@@ -298,7 +218,7 @@ def measured(args: argparse.Namespace, which: str) -> Results:
             results.methods = run(pool, by_methods, seeds, "methods")
         many = [2 * index + SETS[which] + CROWD_SEED for index in range(args.crowd)]
         tasks = [(crowd(seed), seed) for seed in many]
-        results.crowd = run(pool, measure, tasks, "recordings of all kinds")
+        results.crowd = run(pool, of_crowd, tasks, "recordings of all kinds")
         shops = shop_trials.tasks(
             2 * index + SETS[which] for index in range(args.shops)
         )

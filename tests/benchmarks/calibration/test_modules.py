@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.calibration import modules, report, simulated
-from benchmarks.calibration.modules import CASES, Case
+from benchmarks.calibration import asking, cases, modules, report, simulated
+from benchmarks.calibration.cases import CASES, Case
 from benchmarks.calibration.report import GUIDED, Results
 from benchmarks.common.figure import SETS
 from benchmarks.pictures import poses
@@ -23,14 +23,14 @@ def random() -> np.random.Generator:
 
 
 def test_users_lay_the_probe_as_they_are_called() -> None:
-    upright = modules.ups_of(Case("x", user="upright", poses=50), random())
+    upright = cases.ups_of(Case("x", user="upright", poses=50), random())
     assert min(up[2] for up in upright if up is not None) > 0.0
-    lazy = np.array(modules.ups_of(Case("x", user="lazy", poses=200), random()))
+    lazy = np.array(cases.ups_of(Case("x", user="lazy", poses=200), random()))
     tilts = np.degrees(np.arccos(lazy[:, 2]))
     assert 15.0 < tilts.mean() < 30.0
-    faces = modules.ups_of(Case("x", user="faces", poses=8), random())
+    faces = cases.ups_of(Case("x", user="faces", poses=8), random())
     assert np.array_equal(faces[0], faces[6])
-    housing = modules.ups_of(Case("x", has_housing=True), random())
+    housing = cases.ups_of(Case("x", has_housing=True), random())
     assert len(housing) == 14
     assert housing[-1] is None
     assert len({case.name for case in CASES}) == len(CASES)
@@ -47,7 +47,7 @@ def test_one_recording_is_measured_and_accepted() -> None:
 
 def test_tuning_and_judging_share_no_seed() -> None:
     assert set(SETS.values()) == {0, 1}
-    seeds = [modules.crowd(2 * n + modules.CROWD_SEED) for n in range(40)]
+    seeds = [cases.crowd(2 * n + modules.CROWD_SEED) for n in range(40)]
     assert len({each.user for each in seeds}) == 6
     assert {each.is_held for each in seeds} == {True, False}
 
@@ -59,10 +59,29 @@ def row(tilt: float, refused: str | None) -> dict[str, Any]:
 def test_wrong_verdicts_are_counted() -> None:
     rows = [row(0.1, None), row(0.1, None), row(0.2, "weak"), row(2.0, "weak")]
     rows += [row(0.9, None), {"refused": "too_few"}]
-    wrong, lost = report.of_crowd(rows)
+    wrong, lost, *_ = report.of_crowd(rows)
     assert wrong.value == pytest.approx(100.0 / 3.0)
     assert lost.value == pytest.approx(100.0 / 3.0)
     assert "3 accepted, 3 good of 6" in wrong.detail
+    # Who is asked for poses lays them: one is accepted, one is still too weak.
+    rows[2] |= {"asked": row(0.05, None)}
+    rows[3] |= {"asked": row(1.5, "weak")}
+    *before, wrong, lost = report.of_crowd(rows)
+    assert [each.value for each in before] == pytest.approx([100.0 / 3.0] * 2)
+    assert wrong.value == pytest.approx(25.0)
+    assert lost.value == 0.0
+    assert "4 accepted, 3 good of 6" in wrong.detail
+
+
+def test_who_is_asked_for_poses_lays_them_and_is_accepted() -> None:
+    case = Case("lazy", poses=5, user="lazy")
+    refused = modules.measure((case, 4))
+    assert refused["refused"] == "missing_poses"
+    asked = asking.goes_on(cases.laid(case, 4))
+    assert asked["refused"] is None
+    assert 0 < asked["more"] < 12
+    assert report.is_good(asked)
+    assert asked["tilt"] < refused["tilt"]
 
 
 def test_a_fit_that_failed_is_infinitely_wrong(

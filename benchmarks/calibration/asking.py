@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: MIT
+"""What comes of a recording that is refused for want of poses: a guide asks for them,
+and the hand lays those that it asks for until both errors are good enough.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks.calibration import simulated
+from benchmarks.calibration.cases import Laid
+from imud.calibration import poses
+from imud.calibration.faults import CalibrationFault
+from imud.calibration.guided import faults, whole
+from imud.calibration.guided.procedure import POSES_MAX
+from imud.calibration.guided.whole import ModuleFit
+from imud.calibration.recording import SensorRecording
+from imud.calibration.stops import find_stops
+from imud.rotation import FloatArray
+
+
+def judged(
+    recording: SensorRecording,
+) -> tuple[ModuleFit | None, CalibrationFault | None]:
+    """Its fit, and why it is refused."""
+    fit, stops = whole.fit(recording), find_stops(recording)
+    fault = faults.of_module(recording, stops, fit)
+    fault = fault or faults.of_score(fit, len(stops), has_mag=True)
+    return fit, fault
+
+
+def goes_on(laid: Laid) -> dict[str, Any]:
+    """What comes of it: how many poses were asked for, why it is refused then, and the
+    errors of what is accepted.
+    """
+    more: list[FloatArray] = []
+    while True:
+        fit, fault = judged(laid.recording(more))
+        is_over = fault is None or fault.kind not in faults.LACKS
+        if is_over or len(laid.ups) + len(more) >= POSES_MAX:
+            break
+        more.append(poses.wanted(fit.acc if fit is not None else None).up)
+    row: dict[str, Any] = {"more": len(more)}
+    row["refused"] = fault.kind if fault is not None else None
+    if fit is None:
+        return row
+    row |= {"stated_tilt": fit.score.tilt_deg, "stated": fit.score.heading_deg}
+    return row | simulated.errors(laid.module, fit)
