@@ -28,7 +28,10 @@ SIM = ROOT / "sim"
 CHIPS = SIM / "chips"
 
 STANDARD = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
-FOLDERS = ("benchmarks", "firmware", "host", "protocol", "sim", "tests", "tools")
+FOLDERS = (
+    *("benchmarks", "firmware", "hardware", "host", "protocol", "sim", "tests"),
+    "tools",
+)
 SOURCES = ("*.c", "*.h", "*.ld", "*.py", "*.pyi", "*.S", "*.sh")
 
 # Byte order and register fields, not numbers of a Q format, are shifted here.

@@ -77,7 +77,8 @@ def _add_load(actions: Commands) -> None:
         metavar="FILE",
         type=Path,
         help="file that save wrote; or the digest of params in the history, or how it "
-        "begins",
+        "begins; or handle-nano, handle-pico or handle-pyboard: those in force, with "
+        "the tip of a printed handle",
     )
     load.add_argument(
         "--force", action="store_true", help="also load params of another probe"
@@ -139,7 +140,7 @@ def _load(args: argparse.Namespace) -> int:
     wanted = params_text.of_file(args.file)
     with client_of(args) as client:
         if wanted is None:
-            wanted = params_text.of_history(client, args.probe, str(args.file))
+            wanted = params_text.of_name(client, args.probe, str(args.file))
         return params_text.load(
             client, args.probe, wanted, is_forced=args.force, is_dry=args.dry_run
         )

@@ -13,7 +13,7 @@ from typing import Any
 
 from imud.client import Client
 from imud.errors import CommandRefused, FileError, ParamsError
-from imud.params import file
+from imud.params import file, handles
 from imud.params.condition import G_M_S2, TITLES
 from imud.params.file import ParamsFile
 from imud.params.parts import NAMES, kind_of
@@ -174,13 +174,27 @@ def clear(client: Client, probe: str) -> int:
 
 
 def of_file(path: Path) -> ParamsFile | None:
-    """Params that a probe would take; None where `path` is a digest and no file."""
-    if not path.exists() and _DIGEST.fullmatch(str(path)):
+    """Params that a probe would take; None where `path` is no file, but a digest or the
+    name of a printed handle.
+    """
+    is_name = _DIGEST.fullmatch(str(path)) or str(path).startswith(handles.PREFIX)
+    if is_name and not path.exists():
         return None
     found = file.read(path)
     for fault in found.params.faults():
         raise ParamsError(f"{path}: {fault}")
     return found
+
+
+def of_name(client: Client, probe: str, name: str) -> ParamsFile:
+    """Params of the history, by their digest; or those in force with the tip of a
+    printed handle.
+    """
+    if name.startswith(handles.PREFIX):
+        reply = client.params(probe)
+        current = _decoded(reply)
+        return ParamsFile(handles.applied(name, current), reply["probe_id"])
+    return of_history(client, probe, name)
 
 
 def of_history(client: Client, probe: str, digest: str) -> ParamsFile:

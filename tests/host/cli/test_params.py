@@ -251,3 +251,23 @@ def test_a_daemon_without_history_says_so(tmp_path: Path) -> None:
         assert not (tmp_path / "state").exists()
     finally:
         chain.close()
+
+
+def test_a_printed_handle_brings_its_tip_and_leaves_the_rest(
+    desk: Desk, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(file.written(GOOD))
+    desk.run("load", path)
+    before = Params.decode(desk.params.records)
+    text = desk.run("load", "handle-pico")
+    after = Params.decode(desk.params.records)
+    assert "tip offset_m" in text
+    assert (after.acc, after.gyr, after.mag) == (before.acc, before.gyr, before.mag)
+    assert after.tip is not None
+    assert after.tip.offset_m == pytest.approx((0.075, 0.0018, 0.0036))
+    assert "in force already" in desk.run("load", "handle-pico")
+
+
+def test_a_misspelt_handle_is_answered_with_those_there_are(desk: Desk) -> None:
+    assert "there are handle-nano, handle-pico" in desk.fails("load", "handle-pcio")
