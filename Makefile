@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long hours fresh bits coverage fuzz check compilers mutate \
-	format lock firmware sim bench pictures release site installed setup clean
+	format lock firmware sim hardware bench pictures release site installed setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -97,6 +97,18 @@ firmware: ## image of a board (BOARD=nano, f405, micropython, pico, pico-micropy
 
 sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo
+
+# A gigabyte that nothing else needs: docs/decisions/0028-printed-parts.md.
+solids := build/hardware/venv
+$(solids)/ready: hardware/requirements.txt
+	@echo "build123d goes into $(solids): 1 GB"
+	@$(PYTHON) -m venv $(solids)
+	@$(solids)/bin/pip install -q -r $<
+	@touch $@
+
+hardware: $(solids)/ready ## parts to print, checked: build/hardware (ONLY=nano PICTURES=1)
+	@$(solids)/bin/python -m hardware $(if $(ONLY),--only $(ONLY)) \
+	  $(if $(PICTURES),--pictures)
 
 bench: ## accuracy, or WHAT=honesty, nano, f405, micropython, card, host, hosts, calibration, limb, page, strokes, tip
 	@$(PYTHON) -m benchmarks --check $(WHAT)

@@ -5,14 +5,18 @@ what is derived from them. `make hardware` checks the solids.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from hardware import first_params
+from hardware import archive, first_params
 from hardware.layout import Block, Layout, boards, dimensions
 from imud.errors import ParamsError
 from imud.params import handles
 from imud.params.value import Params
 
+ROOT = Path(__file__).resolve().parent.parent
+PICTURES = ROOT / "docs" / "pictures"
 BOARDS = boards()
 
 
@@ -103,3 +107,27 @@ def test_each_board_and_sensor_states_where_its_dimensions_are_from() -> None:
             assert len(entry["source"]) > 20, name
     for name in ("screw", "button"):
         assert every[name]["source"]
+
+
+def test_an_archive_knows_what_it_was_built_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = tmp_path / "part.stl"
+    part.write_bytes(b"solid")
+    one, other = tmp_path / "one.zip", tmp_path / "other.zip"
+    for path in (one, other):
+        archive.write(path, [part])
+    assert one.read_bytes() == other.read_bytes()
+    assert archive.is_current(one)
+    (tmp_path / "dimensions.toml").write_text("[process]")
+    monkeypatch.setattr(archive, "HERE", tmp_path)
+    assert not archive.is_current(one)
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_drawings_show_the_dimensions_in_force(name: str) -> None:
+    layout = Layout(name)
+    text = (PICTURES / f"hardware-{name}-base.svg").read_text("utf-8")
+    assert f">{layout.length:.1f}</text>" in text
+    assert f">{layout.width:.1f}</text>" in text
+    assert f"chip {layout.chip[0]:.1f}</text>" in text

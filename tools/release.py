@@ -183,6 +183,14 @@ class Release:
             *("tools/windows_wheel.py", linux, self.source, self.dist),
         )
 
+    def add_parts(self) -> None:
+        """The parts to print, if `make hardware` has built those of this commit."""
+        built = ROOT / "build" / "hardware" / "imu-probe-hardware.zip"
+        if built.exists():
+            words = (sys.executable, "-m", "hardware.archive", "--check", built)
+            self.run("parts to print", *words)
+            shutil.copy(built, self.dist / f"imu-probe-hardware-{self.version}.zip")
+
     def _name(self, package: Path, module: str, parts: notices.Parts) -> None:
         """The version and the notices of a package beside the main one."""
         path = package / module / "__init__.py"
@@ -312,6 +320,7 @@ def build(place: Path, *, with_sources: bool, signature: Path | None = None) -> 
     release.build_firmware()
     release.build_sim(with_sources=with_sources)
     release.build_imud()
+    release.add_parts()
     release.list_contents()
     return release
 

@@ -21,7 +21,8 @@ PICTURES = Path("docs/pictures")
 # Pages as people look for them; each page of docs/ is in one of these.
 TREE = {
     "Use": (
-        *("install", "flash", "first-contact", "check", "imud", "page", "calibration"),
+        *("install", "flash", "first-contact", "check", "imud", "page"),
+        *("calibration",),
         *("tip", "strokes", "limb", "params", "logs", "import", "card", "glossary"),
     ),
     "Poses in your program": (
@@ -35,7 +36,10 @@ TREE = {
     "Develop": ("architecture", "motion-files"),
 }
 # Beside docs/.
-OTHERS = ("protocol/PROTOCOL.md", "CONTRIBUTING.md", "CHANGELOG.md")
+OTHERS = (
+    *("protocol/PROTOCOL.md", "hardware/README.md", "CONTRIBUTING.md"),
+    "CHANGELOG.md",
+)
 # Files that pages link to, and that are given as they are.
 GIVEN = ("examples", "tests/test_house.py", "LICENSE")
 
