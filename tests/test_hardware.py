@@ -5,6 +5,7 @@ what is derived from them. `make hardware` checks the solids.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -122,6 +123,17 @@ def test_an_archive_knows_what_it_was_built_from(
     (tmp_path / "dimensions.toml").write_text("[process]")
     monkeypatch.setattr(archive, "HERE", tmp_path)
     assert not archive.is_current(one)
+
+
+def test_pictures_of_the_parts_are_there_and_shown() -> None:
+    wanted = {"hardware-gauges.png"}
+    for name in BOARDS:
+        wanted |= {f"hardware-{name}{end}" for end in (".png", "-parts.png")}
+        wanted |= {f"hardware-{name}-{half}.svg" for half in ("base", "lid")}
+    assert {path.name for path in PICTURES.glob("hardware-*")} == wanted
+    pages = (ROOT / "docs" / "build.md").read_text("utf-8")
+    pages += (ROOT / "hardware" / "README.md").read_text("utf-8")
+    assert wanted <= set(re.findall(r"pictures/(hardware-[\w.-]+)", pages))
 
 
 @pytest.mark.parametrize("name", BOARDS)

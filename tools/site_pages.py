@@ -21,8 +21,8 @@ PICTURES = Path("docs/pictures")
 # Pages as people look for them; each page of docs/ is in one of these.
 TREE = {
     "Use": (
-        *("install", "flash", "first-contact", "check", "imud", "page"),
-        *("calibration",),
+        *("build", "install", "flash", "first-contact", "check", "imud", "page"),
+        *("calibration", "testplan"),
         *("tip", "strokes", "limb", "params", "logs", "import", "card", "glossary"),
     ),
     "Poses in your program": (
