@@ -17,7 +17,7 @@ from build123d import Mesher, Part, Pos, Rot, export_step, export_stl
 
 from hardware import archive, checks, gauge_checks, gauges, handle, mesh, planted
 from hardware.checks import Row
-from hardware.layout import Layout, boards
+from hardware.layout import Layout, boards, index_error_deg, wedge_error_deg
 
 ROOT = Path(__file__).resolve().parent.parent
 PLACE = ROOT / "build" / "hardware" / "parts"
@@ -72,7 +72,7 @@ def main() -> int:
         "--pictures", action="store_true", help="also draw docs/pictures/hardware-*"
     )
     args = parser.parse_args()
-    began_s = time.monotonic()
+    began_s, made_of = time.monotonic(), archive.origin()
     names = [name for name in boards() if args.only in (None, name)]
     handles = list(sets(names))
     pieces = [piece for each in handles for piece in each.pieces()]
@@ -92,7 +92,7 @@ def main() -> int:
         illustrations.draw(handles, pieces)
     if not args.only:
         parts = [*sorted(PLACE.iterdir()), ROOT / "LICENSE"]
-        archive.write(PLACE.parent / archive.NAME, parts)
+        archive.write(PLACE.parent / archive.NAME, parts, made_of)
     bad = sum(not row.is_good for row in rows)
     missed = planted.undetected(handles[0]) if handles else []
     for what in missed:
@@ -127,7 +127,7 @@ def _report(rows: list[Row]) -> None:
     for line, row in zip(lines, rows, strict=True):
         if not row.is_good:
             sys.stdout.write(line + "\n")
-    play, slope = gauges.index_error_deg(), gauges.wedge_error_deg()
+    play, slope = index_error_deg(), wedge_error_deg()
     sys.stdout.write(f"plate: at most {play:.2f} deg of play to one side\n")
     sys.stdout.write(f"wedges: {slope:.2f} deg if an end is off by a layer's error\n")
 

@@ -26,10 +26,12 @@ def origin() -> str:
     return summed.hexdigest()
 
 
-def write(path: Path, sources: Iterable[Path]) -> None:
-    """The same bytes for the same files, whenever that is."""
+def write(path: Path, sources: Iterable[Path], made_of: str) -> None:
+    """The same bytes for the same files, whenever that is. `made_of`: origin() before
+    they were built.
+    """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        _add(file, ORIGIN, origin().encode() + b"\n")
+        _add(file, ORIGIN, made_of.encode() + b"\n")
         for source in sources:
             _add(file, source.name, source.read_bytes())
 

@@ -180,17 +180,3 @@ def all_gauges() -> dict[str, Part]:
     wedges = {f"wedge-{a:g}": wedge(a) for a in dimensions()["wedge"]["angles_deg"]}
     others = {"plate": plate(), "carrier": carrier(), "pin": pin(), "stand": stand()}
     return {**wedges, "wedge-90": square(), **others}
-
-
-def index_error_deg() -> float:
-    """How far the carrier can be turned to one side, at most: half the play of the
-    pin in both of its holes and of the stub in one, over the ring's radius.
-    """
-    p = dimensions()["plate"]
-    return math.degrees(1.5 * p["hole_fit"] / p["ring"])
-
-
-def wedge_error_deg() -> float:
-    """How wrong a wedge is if one end of its slope is off by an error of printing."""
-    error = dimensions()["process"]["layer_error"]
-    return math.degrees(error / dimensions()["wedge"]["length"])

@@ -174,3 +174,23 @@ class Layout:
     def tip_error(self) -> float:
         """One sigma of an axis: the chip's place, and what printing and a rod add."""
         return math.hypot(self.sensor["chip_error"], self.handle["tip_error"])
+
+
+def index_error_deg() -> float:
+    """How far the carrier can be turned to one side, at most: half the play of the
+    pin in both of its holes and of the stub in one, over the ring's radius.
+    """
+    p = dimensions()["plate"]
+    return math.degrees(1.5 * p["hole_fit"] / p["ring"])
+
+
+def wedge_error_deg() -> float:
+    """How wrong a wedge is if one end of its slope is off by an error of printing."""
+    error = dimensions()["process"]["layer_error"]
+    return math.degrees(error / dimensions()["wedge"]["length"])
+
+
+def tip_radius(layout: Layout) -> float:
+    """Of the circle that the tip goes round on the carrier."""
+    x, _, _ = layout.tip
+    return float(dimensions()["carrier"]["stop_x"] + x)

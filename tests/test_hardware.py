@@ -11,7 +11,15 @@ from pathlib import Path
 import pytest
 
 from hardware import archive, first_params
-from hardware.layout import Block, Layout, boards, dimensions
+from hardware.layout import (
+    Block,
+    Layout,
+    boards,
+    dimensions,
+    index_error_deg,
+    tip_radius,
+    wedge_error_deg,
+)
 from imud.errors import ParamsError
 from imud.params import handles
 from imud.params.value import Params
@@ -117,7 +125,7 @@ def test_an_archive_knows_what_it_was_built_from(
     part.write_bytes(b"solid")
     one, other = tmp_path / "one.zip", tmp_path / "other.zip"
     for path in (one, other):
-        archive.write(path, [part])
+        archive.write(path, [part], archive.origin())
     assert one.read_bytes() == other.read_bytes()
     assert archive.is_current(one)
     (tmp_path / "dimensions.toml").write_text("[process]")
@@ -143,3 +151,16 @@ def test_drawings_show_the_dimensions_in_force(name: str) -> None:
     assert f">{layout.length:.1f}</text>" in text
     assert f">{layout.width:.1f}</text>" in text
     assert f"chip {layout.chip[0]:.1f}</text>" in text
+
+
+def test_the_pages_have_the_sizes_in_force() -> None:
+    build = (ROOT / "docs" / "build.md").read_text("utf-8")
+    plan = (ROOT / "docs" / "testplan.md").read_text("utf-8")
+    for name in BOARDS:
+        layout = Layout(name)
+        size = (layout.length, layout.width, layout.height)
+        assert " x ".join(f"{mm:.0f}" for mm in size) + " mm" in build
+        assert f"{tip_radius(layout):.0f} mm" in plan
+    assert f"{index_error_deg():.2f} degrees of play" in plan
+    assert f"{wedge_error_deg():.2f} degrees for 0.2 mm" in plan
+    assert f"{wedge_error_deg():.2f} degrees for each 0.2 mm" in build
