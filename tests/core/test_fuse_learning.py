@@ -167,7 +167,8 @@ def test_a_drift_of_the_level_tells_of_no_bias_about_the_vertical():
     probe.feel(scene(at_rest(1), 200))  # level, and not yet known to rest
     before, sure = probe.bias_deg_s, list(probe.c.state.motion_covariance)
     drift = desk.ffi.new("struct vector *", {"x": 2000, "y": 1000, "z": 0})
-    desk.lib.fuse_learn_drift(probe.c, drift, 1000, 40)
+    for axis in range(2):
+        desk.lib.fuse_learn_drift(probe.c, axis, drift, 1000, 40)
     changed = np.abs(probe.bias_deg_s - before)
     assert changed[:2].max() > 0.05
     assert changed[2] < 0.001

@@ -143,6 +143,25 @@ def test_a_moving_tip_has_another_place_in_each_pose(single: Measured) -> None:
     steps = np.diff(np.array(places[-desk.WINDOW :]) * MICRO, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     assert np.count_nonzero(lengths > 1e-4) >= desk.WINDOW - 2
+    # Nor does it fall back where a window is complete, and not yet taken.
+    assert lengths.max() < 2 * np.median(lengths)
+
+
+def test_a_stroke_that_has_just_ended_is_told_though_the_orientation_is_lost(
+    single: Measured,
+) -> None:
+    tracker, start = placed(single)
+    samples, held = single.samples.copy(), single.held()
+    _, after = tracker.feel(samples[start:], held[start:])
+    # Two samples before the last one after which something was told.
+    at = start + int(after[-1]) - 1
+    tracker, start = placed(single)
+    tracker.feel(samples[start:at], held[start:at])
+    assert tracker.c.work == lib.POSE_WORK_TELL
+    samples["time_us"][at:] += 300_000
+    strokes, _ = tracker.feel(samples[at : at + 1], held[at : at + 1])
+    assert names(strokes) == [lib.STROKE_END_BUTTON]
+    assert tracker.c.work == lib.POSE_WORK_NONE
 
 
 def test_a_filter_begins_without_a_fault() -> None:

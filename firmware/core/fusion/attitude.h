@@ -55,11 +55,12 @@ static inline void attitude_deny_rest(struct attitude *attitude) {
     }
 }
 
-static inline void attitude_learn_drift(struct attitude *attitude,
+static inline void attitude_learn_drift(struct attitude *attitude, uint8_t axis,
                                         const struct vector *delta_q15,
                                         uint32_t noise_q30, uint8_t windows) {
     if (attitude_has(FILTER_FUSE)) {
-        fuse_learn_drift((struct fuse *)&attitude->only, delta_q15, noise_q30, windows);
+        fuse_learn_drift((struct fuse *)&attitude->only, axis, delta_q15, noise_q30,
+                         windows);
     }
 }
 
@@ -152,11 +153,11 @@ static inline void attitude_deny_rest(struct attitude *attitude) {
     }
 }
 
-static inline void attitude_learn_drift(struct attitude *attitude,
+static inline void attitude_learn_drift(struct attitude *attitude, uint8_t axis,
                                         const struct vector *delta_q15,
                                         uint32_t noise_q30, uint8_t windows) {
     if (attitude->kind == FILTER_FUSE) {
-        fuse_learn_drift(&attitude->fuse, delta_q15, noise_q30, windows);
+        fuse_learn_drift(&attitude->fuse, axis, delta_q15, noise_q30, windows);
     }
 }
 

@@ -19,7 +19,7 @@ void fuse_deny_rest(struct fuse *fuse) {
 }
 
 // A bias of b turns the vertical by b T in the time T: delta is b T x g.
-void fuse_learn_drift(struct fuse *fuse, const struct vector *delta_q15,
+void fuse_learn_drift(struct fuse *fuse, uint8_t axis, const struct vector *delta_q15,
                       uint32_t noise_q30, uint8_t windows) {
     struct quat attitude;
     struct matrix level_from_body;
@@ -31,13 +31,11 @@ void fuse_learn_drift(struct fuse *fuse, const struct vector *delta_q15,
     matrix_from_quat(&attitude, &level_from_body);
     const uint32_t noise = noise_q30 > DRIFT_NOISE_MAX ? DRIFT_NOISE_MAX : noise_q30;
     const int32_t variance = (int32_t)(noise * DRIFT_NOISE / square) + 1;
-    for (uint8_t axis = 0; axis < 2; ++axis) {
-        q2_14_t row[FUSE_MOTION_STATES] = {0};
-        memcpy(row, level_from_body.row[axis], sizeof level_from_body.row[axis]);
-        const int32_t force = axis == 0 ? -delta.y : delta.x;
-        fuse_read_motion(fuse, row, variance,
-                         fixed_clamp(force, DRIFT_MAX_Q15) * DRIFT_TURN / windows);
-    }
+    q2_14_t row[FUSE_MOTION_STATES] = {0};
+    memcpy(row, level_from_body.row[axis], sizeof level_from_body.row[axis]);
+    const int32_t force = axis == 0 ? -delta.y : delta.x;
+    fuse_read_motion(fuse, row, variance,
+                     fixed_clamp(force, DRIFT_MAX_Q15) * DRIFT_TURN / windows);
 }
 
 bool stroke_listen(struct stroke_sums *sums, const struct fuse *fuse,
@@ -74,7 +72,5 @@ bool stroke_listen(struct stroke_sums *sums, const struct fuse *fuse,
         3;
     memset(sums, 0, sizeof *sums);
     out->is_settled = fuse->state.windows >= FUSE_LEVEL_SETTLE;
-    out->inertial_from_body = &fuse->state.inertial_from_body;
-    out->world_from_inertial = &fuse->state.world_from_inertial;
     return true;
 }

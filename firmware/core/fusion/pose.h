@@ -38,6 +38,16 @@ struct pose_tip {
     q2_14_t axis[3];
 };
 
+// What a complete window brings, one of them in each sample in which the filter has
+// least to do, so that none takes too long.
+enum pose_work {
+    POSE_WORK_NONE = 0,
+    POSE_WORK_STEP = 1,     // of the stroke
+    POSE_WORK_TELL = 2,     // of it
+    POSE_WORK_LEARN_X = 3,  // from its end, what turned the frame about an axis
+    POSE_WORK_LEARN_Y = 4,
+};
+
 struct pose_tracker {
     const struct calibration *calibration;
     const struct sensor_identity *identity;
@@ -53,8 +63,10 @@ struct pose_tracker {
 #ifndef POSE_WITHOUT_STROKES
     bool has_stroke;  // there is something to tell of one
     uint8_t fault;    // enum stroke_end: of the window that runs
+    uint8_t work;     // enum pose_work: what is to be done next
     struct pose_tip tip;
     struct stroke_sums sums;
+    struct stroke_window window;  // the last one that is complete
     struct stroke stroke;
 #endif
 };

@@ -48,6 +48,7 @@ void pose_place_begin(struct pose_tracker *tracker) {
         (struct pose_tip){{POSE_POSITION_NULL, 0, 0}, {POSE_NORMAL_NULL, 0, 0}};
     tracker->has_stroke = false;
     tracker->fault = STROKE_END_RUNNING;
+    tracker->work = POSE_WORK_NONE;
     tracker->sums = (struct stroke_sums){.force_q5 = {.x = 0}};
 }
 
@@ -66,11 +67,62 @@ void pose_place_origin(struct pose_tracker *tracker) {
 
 void pose_place_break(struct pose_tracker *tracker) {
     tracker->fault = STROKE_END_GAP;
+    tracker->has_stroke |= tracker->work == POSE_WORK_TELL;
+    tracker->work = POSE_WORK_NONE;
     tracker->sums = (struct stroke_sums){.force_q5 = {.x = 0}};
 }
 
+// The filter has completed a window.
+static void take_window(struct pose_tracker *tracker, const struct sample *sample) {
+    struct stroke_window *window = &tracker->window;
+    if (tracker->fault == STROKE_END_RUNNING &&
+        !(window->is_settled && tracker->is_calibrated)) {
+        tracker->fault = STROKE_END_LOST;
+    }
+    window->time_us = sample->time_us;
+    window->fault = tracker->fault;
+    tracker->fault = STROKE_END_RUNNING;
+    tracker->work = POSE_WORK_STEP;
+    if (tracker->stroke.is_held) {
+        attitude_deny_rest(&tracker->attitude);
+    }
+}
+
+static void learn_drift(struct pose_tracker *tracker, uint8_t axis) {
+    const struct stroke *stroke = &tracker->stroke;
+    attitude_learn_drift(&tracker->attitude, axis, &stroke->delta_q15,
+                         stroke->delta_noise_q30, stroke->windows);
+}
+
+// The next part of what the last window brought.
+static void work(struct pose_tracker *tracker, const struct fuse *fuse) {
+    struct stroke_window *window = &tracker->window;
+    const bool is_learning = tracker->stroke.end == STROKE_END_BUTTON;
+    switch (tracker->work) {
+    case POSE_WORK_STEP:
+        window->inertial_from_body = &fuse->state.inertial_from_body;
+        window->world_from_inertial = &fuse->state.world_from_inertial;
+        tracker->work =
+            stroke_step(&tracker->stroke, window) ? POSE_WORK_TELL : POSE_WORK_NONE;
+        break;
+    case POSE_WORK_TELL:
+        tracker->has_stroke = true;
+        tracker->work = is_learning ? POSE_WORK_LEARN_X : POSE_WORK_NONE;
+        break;
+    case POSE_WORK_LEARN_X:
+        learn_drift(tracker, 0);
+        tracker->work = POSE_WORK_LEARN_Y;
+        break;
+    case POSE_WORK_LEARN_Y:
+        learn_drift(tracker, 1);
+        tracker->work = POSE_WORK_NONE;
+        break;
+    default:
+        break;
+    }
+}
+
 void pose_place_step(struct pose_tracker *tracker, const struct sample *sample) {
-    struct stroke_window window;
     const struct fuse *fuse = attitude_fuse(&tracker->attitude);
     if (sample->has_gap) {
         tracker->fault = STROKE_END_GAP;
@@ -78,26 +130,24 @@ void pose_place_step(struct pose_tracker *tracker, const struct sample *sample) 
                (sample->acc_clipped || sample->gyr_clipped)) {
         tracker->fault = STROKE_END_CLIPPED;
     }
-    if (fuse == NULL || !stroke_listen(&tracker->sums, fuse, &window)) {
+    if (fuse == NULL) {
         return;
     }
-    if (tracker->fault == STROKE_END_RUNNING &&
-        !(window.is_settled && tracker->is_calibrated)) {
-        tracker->fault = STROKE_END_LOST;
+    if (stroke_listen(&tracker->sums, fuse, &tracker->window)) {
+        take_window(tracker, sample);
+    } else if ((uint8_t)(fuse->state.in_stride + 1) == fuse->coefficients.stride) {
+        work(tracker, fuse);
     }
-    window.time_us = sample->time_us;
-    window.fault = tracker->fault;
-    tracker->fault = STROKE_END_RUNNING;
-    const bool has_stroke = stroke_step(&tracker->stroke, &window);
-    tracker->has_stroke |= has_stroke;
-    if (has_stroke && tracker->stroke.end == STROKE_END_BUTTON) {
-        const struct stroke *stroke = &tracker->stroke;
-        attitude_learn_drift(&tracker->attitude, &stroke->delta_q15,
-                             stroke->delta_noise_q30, stroke->windows);
-    }
-    if (tracker->stroke.is_held) {
-        attitude_deny_rest(&tracker->attitude);
-    }
+}
+
+// Since the last window that the stroke has taken, as a share of one.
+static q2_30_t since_window(const struct pose_tracker *tracker,
+                            const struct fuse *fuse) {
+    const struct fuse_coefficients *coefficients = &fuse->coefficients;
+    const uint8_t samples =
+        (uint8_t)(fuse->state.in_window +
+                  (tracker->work == POSE_WORK_STEP ? coefficients->window : 0));
+    return samples * coefficients->share;
 }
 
 void pose_place_read(const struct pose_tracker *tracker, const struct quat *q,
@@ -117,8 +167,7 @@ void pose_place_read(const struct pose_tracker *tracker, const struct quat *q,
         }
     }
     if (fuse == NULL || !has_tip(tracker) ||
-        !stroke_position(&tracker->stroke,
-                         fuse->state.in_window * fuse->coefficients.share, &v)) {
+        !stroke_position(&tracker->stroke, since_window(tracker, fuse), &v)) {
         return;
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {

@@ -39,6 +39,7 @@ struct stroke_window {
     q11_21_t bias_variance;
     bool is_settled;  // the filter has found its level
     uint8_t fault;    // enum stroke_end: what makes it useless; or running
+    // When it is taken.
     const struct quat *inertial_from_body;
     const struct quat *world_from_inertial;
 };
@@ -55,8 +56,8 @@ struct stroke_sums {
 };
 
 // Takes the sample that the filter took last. The window that the filter has just
-// completed, all but time_us and fault; call it between fuse_take() and fuse_work().
-// False where it has completed none.
+// completed, all but time_us, fault and the attitudes; call it between fuse_take() and
+// fuse_work(). False where it has completed none.
 bool stroke_listen(struct stroke_sums *sums, const struct fuse *fuse,
                    struct stroke_window *out);
 
