@@ -128,7 +128,7 @@ int main(int argc, char **argv) {
         (void)fputs(usage_text, stderr);
         return 2;
     }
-    if (!machine_init(machine, NULL, 1, 0)) {
+    if (!machine_init(machine, &machine_atmega328p, NULL, 1, 0)) {
         return complain("libsimavr", "has no atmega328p");
     }
     machine->context = &bench;

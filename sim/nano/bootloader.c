@@ -6,12 +6,13 @@
 #include <string.h>
 
 enum {
-    FLASH_END = 0x8000,
     RECORD_MAX = 5 + 255,  // bytes: count, address, type, data, sum
     LINE_ROOM = 1 + 2 * RECORD_MAX + 3,
     TYPE_DATA = 0,
     TYPE_END = 1,
+    TYPE_SEGMENT = 2,
     TYPE_START_SEGMENT = 3,
+    TYPE_LINEAR = 4,
     TYPE_START_LINEAR = 5,
 };
 
@@ -41,28 +42,37 @@ static unsigned read_record(const char *line, uint8_t bytes[RECORD_MAX]) {
 
 static const char *read_file(struct machine *machine, FILE *file) {
     char line[LINE_ROOM];
+    const struct machine_kind *kind = machine->kind;
     bool has_data = false;
+    uint32_t base = 0;
     while (fgets(line, sizeof line, file) != NULL) {
-        uint8_t bytes[RECORD_MAX];
+        uint8_t bytes[RECORD_MAX] = {0};
         if (read_record(line, bytes) == 0) {
             break;
         }
-        const unsigned address = ((unsigned)bytes[1] << 8) | bytes[2];
+        const uint32_t address = base + (((uint32_t)bytes[1] << 8) | bytes[2]);
+        const uint32_t further = ((uint32_t)bytes[4] << 8) | bytes[5];
         switch (bytes[3]) {
         case TYPE_DATA:
-            if (address < BOOTLOADER_START || address + bytes[0] > FLASH_END) {
-                return "has bytes outside the bootloader's 0x7800 to 0x7fff";
+            if (address < kind->boot_start || address + bytes[0] > kind->flash_size) {
+                return "has bytes outside the bootloader's part of flash";
             }
             memcpy(machine->avr->flash + address, bytes + 4, bytes[0]);
             has_data = has_data || bytes[0] > 0;
             break;
         case TYPE_END:
             return has_data ? NULL : "has no bytes";
+        case TYPE_SEGMENT:
+            base = further << 4;
+            break;
+        case TYPE_LINEAR:
+            base = further << 16;
+            break;
         case TYPE_START_SEGMENT:
         case TYPE_START_LINEAR:
             break;  // where a debugger starts
         default:
-            return "has addresses beyond those of an ATmega328P";
+            return "has records of no known type";
         }
     }
     return "is no Intel HEX file";
@@ -76,8 +86,8 @@ const char *bootloader_load(struct machine *machine, const char *path) {
     const char *problem = read_file(machine, file);
     (void)fclose(file);
     if (problem == NULL) {
-        machine->avr->codeend = FLASH_END - 1;
-        machine_set_boot_start(machine, BOOTLOADER_START);
+        machine->avr->codeend = machine->kind->flash_size - 1;
+        machine_set_boot_start(machine, machine->kind->boot_start);
     }
     return problem;
 }

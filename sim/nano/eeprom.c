@@ -42,9 +42,10 @@ static avr_cycle_count_t on_written(avr_t *avr, avr_cycle_count_t when, void *pa
     return 0;
 }
 
-static uint16_t address_of(const avr_t *avr) {
+static uint16_t address_of(const struct machine *machine) {
+    const avr_t *avr = machine->avr;
     return (uint16_t)((avr->data[REG_EEARL] | (avr->data[REG_EEARH] << 8)) &
-                      (MACHINE_EEPROM_SIZE - 1));
+                      (machine->kind->eeprom_size - 1));
 }
 
 static void begin_write(struct machine *machine) {
@@ -52,7 +53,7 @@ static void begin_write(struct machine *machine) {
     struct machine_eeprom *eeprom = &machine->eeprom;
     const uint8_t mode = avr->data[REG_EECR] & EEPM;
     const uint8_t data = avr->data[REG_EEDR];
-    eeprom->address = address_of(avr);
+    eeprom->address = address_of(machine);
     eeprom->before = eeprom->bytes[eeprom->address];
     // Erasing sets bits, writing clears them.
     eeprom->value = data;
@@ -95,7 +96,7 @@ static void write_eecr(avr_t *avr, avr_io_addr_t address, uint8_t value, void *p
         if (eeprom->is_busy) {
             machine_complain(machine, "EEPROM read during a write");
         } else {
-            avr->data[REG_EEDR] = eeprom->bytes[address_of(avr)];
+            avr->data[REG_EEDR] = eeprom->bytes[address_of(machine)];
             machine_stall(machine, READ_STALL);
         }
     }

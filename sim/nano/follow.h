@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Reports the virtual ATmega328P's calls, returns and interrupts to a profile.
+// Reports the virtual processor's calls, returns and interrupts to a profile.
 #ifndef SIM_NANO_FOLLOW_H
 #define SIM_NANO_FOLLOW_H
 
@@ -10,8 +10,6 @@ struct follow {
     struct profile *profile;
     struct machine *machine;
 };
-
-enum { FOLLOW_FLASH_BYTES = 32768 };
 
 // Starts reporting; the image has to be loaded and the profile to have its parts. The
 // machine runs slower then, but the same to the cycle.

@@ -3,20 +3,39 @@
 #include "image.h"
 
 #include <elf.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 
+enum {
+    // The compiler's kind of AVR, in the flags (binutils, include/elf/avr.h).
+    KIND = 0x7F,
+    AVR5 = 5,  // return addresses of two bytes
+    AVR6 = 6,  // of three
+};
+
 // What the ELF's header says, before libsimavr believes it.
-static bool is_avr_image(const char *path) {
-    uint8_t header[20] = {0};
+const struct machine_kind *image_kind(const char *path) {
+    uint8_t header[sizeof(Elf32_Ehdr)] = {0};
     FILE *file = fopen(path, "rb");
     if (file == NULL) {
-        return false;
+        return NULL;
     }
     const bool is_whole = fread(header, 1, sizeof header, file) == sizeof header;
     (void)fclose(file);
-    const unsigned machine = header[18] | ((unsigned)header[19] << 8);
-    return is_whole && memcmp(header, ELFMAG, SELFMAG) == 0 && machine == EM_AVR;
+    const uint8_t *at = header + offsetof(Elf32_Ehdr, e_machine);
+    const unsigned machine = at[0] | ((unsigned)at[1] << 8);
+    if (!is_whole || memcmp(header, ELFMAG, SELFMAG) != 0 || machine != EM_AVR) {
+        return NULL;
+    }
+    switch (header[offsetof(Elf32_Ehdr, e_flags)] & KIND) {
+    case AVR5:
+        return &machine_atmega328p;
+    case AVR6:
+        return &machine_atmega2560;
+    default:
+        return NULL;
+    }
 }
 
 bool image_find(const struct image *image, const char *name, uint16_t *address) {
@@ -33,18 +52,19 @@ bool image_find(const struct image *image, const char *name, uint16_t *address) 
 bool image_load(struct image *image, const char *path, struct machine *machine) {
     elf_firmware_t *elf = &image->elf;
     memset(image, 0, sizeof *image);
-    if (!is_avr_image(path) || elf_read_firmware(path, elf) != 0 ||
+    if (image_kind(path) != machine->kind || elf_read_firmware(path, elf) != 0 ||
         elf->flashsize == 0 ||
         elf->flashbase + elf->flashsize > machine->avr->flashend + 1) {
         return false;
     }
-    machine_load(machine, elf->flash, elf->flashsize, (uint16_t)elf->flashbase);
-    uint16_t end = (uint16_t)(MACHINE_SRAM_START + elf->datasize + elf->bsssize);
+    machine_load(machine, elf->flash, elf->flashsize, elf->flashbase);
+    const struct machine_kind *kind = machine->kind;
+    uint16_t end = (uint16_t)(kind->sram_start + elf->datasize + elf->bsssize);
     (void)image_find(image, "_end", &end);
     machine->stack.heap_start = end;
     image->flash = elf->flashsize;
-    image->ram = (uint32_t)end - MACHINE_SRAM_START;
-    if (elf->eeprom != NULL && elf->eesize <= MACHINE_EEPROM_SIZE) {
+    image->ram = (uint32_t)end - kind->sram_start;
+    if (elf->eeprom != NULL && elf->eesize <= kind->eeprom_size) {
         memcpy(machine->eeprom.bytes, elf->eeprom, elf->eesize);
     }
     return true;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The virtual Nano's main loop, sleep, resets and pins; see machine.h.
+// The main loop, sleep, resets and pins; see machine.h.
 #include "machine.h"
 
 #include <simavr/avr_adc.h>
@@ -69,8 +69,8 @@ static uint64_t cycle_at(uint64_t ns) {
     return ns / 125 * 2 + (ns % 125 * 2 + 124) / 125;
 }
 
-uint16_t machine_pc(const struct machine *machine) {
-    return (uint16_t)machine->avr->pc;
+uint32_t machine_pc(const struct machine *machine) {
+    return machine->avr->pc;
 }
 
 uint16_t machine_sp(const struct machine *machine) {
@@ -108,37 +108,46 @@ void machine_take(struct machine *machine, uint16_t address, avr_io_write_t writ
     }
 }
 
-// Pins of port D
+// D2 and D3
 
-static void set_pin_d(struct machine *machine, unsigned pin, bool is_high) {
+static uint8_t levels_of(const struct machine *machine) {
+    const struct machine_kind *kind = machine->kind;
+    const bool has_ready = machine->ready_is_high && !machine->is_unwired;
+    return (uint8_t)((has_ready ? 1U << kind->ready_bit : 0U) |
+                     (machine->button_is_down ? 0U : 1U << kind->button_bit));
+}
+
+static uint8_t wired_mask(const struct machine_kind *kind) {
+    return (uint8_t)((1U << kind->ready_bit) | (1U << kind->button_bit));
+}
+
+static void follow_pin(struct machine *machine, unsigned bit) {
     avr_t *avr = machine->avr;
+    const uint8_t port = machine->kind->pin_port;
     avr_ioport_external_t external = {
-        .name = 'D',
-        .mask = (1U << MACHINE_PIN_INT0) | (1U << MACHINE_PIN_BUTTON),
-        .value = (machine->int0_is_high ? 1U << MACHINE_PIN_INT0 : 0U) |
-                 (machine->button_is_down ? 0U : 1U << MACHINE_PIN_BUTTON),
+        .name = port & 0x7FU,
+        .mask = wired_mask(machine->kind),
+        .value = levels_of(machine),
     };
-    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &external);
-    avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), (int)pin), is_high);
+    avr_ioctl(avr, (uint32_t)AVR_IOCTL_IOPORT_SET_EXTERNAL(port), &external);
+    avr_raise_irq(avr_io_getirq(avr, (uint32_t)AVR_IOCTL_IOPORT_GETIRQ(port), (int)bit),
+                  (levels_of(machine) >> bit) & 1U);
     machine_poll_interrupts(machine);
 }
 
 // The levels that are driven from outside; for an output, what the pin drives itself.
-static uint8_t read_pind(avr_t *avr, avr_io_addr_t address, void *param) {
+static uint8_t read_pins(avr_t *avr, avr_io_addr_t address, void *param) {
     struct machine *machine = param;
-    const uint8_t value = machine->pind.read(avr, address, machine->pind.read_param);
-    const uint8_t ours = (1 << MACHINE_PIN_INT0) | (1 << MACHINE_PIN_BUTTON);
-    const uint8_t inputs = ours & (uint8_t)~avr->data[address + 1];  // DDRD
-    const uint8_t levels =
-        (uint8_t)((machine->int0_is_high ? 1U << MACHINE_PIN_INT0 : 0U) |
-                  (machine->button_is_down ? 0U : 1U << MACHINE_PIN_BUTTON));
-    avr->data[address] = (uint8_t)((value & ~inputs) | (levels & inputs));
+    const uint8_t value = machine->pins.read(avr, address, machine->pins.read_param);
+    const uint8_t outputs = avr->data[address + 1];  // DDRx
+    const uint8_t inputs = wired_mask(machine->kind) & (uint8_t)~outputs;
+    avr->data[address] = (uint8_t)((value & ~inputs) | (levels_of(machine) & inputs));
     return avr->data[address];
 }
 
 void machine_press(struct machine *machine, bool is_down) {
     machine->button_is_down = is_down;
-    set_pin_d(machine, MACHINE_PIN_BUTTON, !is_down);
+    follow_pin(machine, machine->kind->button_bit);
 }
 
 // The sensor
@@ -149,12 +158,12 @@ static avr_cycle_count_t on_module_event(avr_t *avr, avr_cycle_count_t when,
     struct machine *machine = param;
     module_advance(machine->module, machine_ns(when));
     const bool is_high = module_pin_is_high(machine->module);
-    if (is_high != machine->int0_is_high) {
-        machine->int0_is_high = is_high;
+    if (is_high != machine->ready_is_high) {
+        machine->ready_is_high = is_high;
         if (is_high && machine->on_data_ready != NULL) {
             machine->on_data_ready(machine->context);
         }
-        set_pin_d(machine, MACHINE_PIN_INT0, is_high);
+        follow_pin(machine, machine->kind->ready_bit);
     }
     const uint64_t next = module_next_event(machine->module);
     if (next == UINT64_MAX) {
@@ -207,14 +216,15 @@ static void after_reset(struct machine *machine, uint8_t cause) {
     watchdog_reset(machine);
     timers_reset(machine);
     // simavr would look at a low pin in every cycle.
-    avr_extint_set_strict_lvl_trig(avr, 0, 0);
-    avr_extint_set_strict_lvl_trig(avr, 1, 0);
+    for (uint8_t i = 0; i < machine->kind->external_interrupts; i++) {
+        avr_extint_set_strict_lvl_trig(avr, i, 0);
+    }
     twi_reset(machine);
     lines_reset(machine);
     uart_reset(machine);
     eeprom_reset(machine);
-    set_pin_d(machine, MACHINE_PIN_INT0, machine->int0_is_high);
-    set_pin_d(machine, MACHINE_PIN_BUTTON, !machine->button_is_down);
+    follow_pin(machine, machine->kind->ready_bit);
+    follow_pin(machine, machine->kind->button_bit);
     if (machine_fixes(machine, FIX_WATCHDOG_RESET)) {
         machine_follow_module(machine);
     }
@@ -222,7 +232,8 @@ static void after_reset(struct machine *machine, uint8_t cause) {
 
 static void paint_stack(struct machine *machine) {
     const unsigned from = machine->stack.heap_start;
-    memset(machine->avr->data + from, MACHINE_PAINT, MACHINE_SRAM_END + 1 - from);
+    memset(machine->avr->data + from, MACHINE_PAINT,
+           machine->kind->sram_end + 1 - from);
 }
 
 void machine_reset(struct machine *machine, enum machine_reset cause) {
@@ -285,20 +296,21 @@ static void quiet_uart(struct machine *machine) {
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
 }
 
-bool machine_init(struct machine *machine, struct module *module, uint64_t seed,
-                  uint32_t without) {
+bool machine_init(struct machine *machine, const struct machine_kind *kind,
+                  struct module *module, uint64_t seed, uint32_t without) {
     avr_global_logger_set(keep_quiet);
-    avr_t *avr = avr_make_mcu_by_name("atmega328p");
+    avr_t *avr = avr_make_mcu_by_name(kind->mcu);
     if (avr == NULL) {
         return false;
     }
     memset(machine, 0, sizeof *machine);
+    machine->kind = kind;
     machine->avr = avr;
     machine->module = module;
     machine->without = without;
     machine->seed = seed * UINT64_C(0x9E3779B97F4A7C15) + UINT64_C(0x6A09E667F3BCC909);
     machine->clock_start = MACHINE_NEVER;
-    machine->stack.heap_start = MACHINE_SRAM_START;
+    machine->stack.heap_start = kind->sram_start;
     avr_init(avr);
     avr->log = LOG_ERROR;
     avr->frequency = MACHINE_HZ;
@@ -310,7 +322,7 @@ bool machine_init(struct machine *machine, struct module *module, uint64_t seed,
     quiet_uart(machine);
     timers_init(machine);
     machine_take(machine, REG_GPIOR0, write_mark, NULL, NULL);
-    machine_take(machine, REG_PIND, NULL, read_pind, &machine->pind);
+    machine_take(machine, kind->pins, NULL, read_pins, &machine->pins);
     interrupts_init(machine);
     avr_irq_register_notify(
         avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_conversion,
@@ -333,13 +345,13 @@ void machine_free(struct machine *machine) {
 }
 
 void machine_load(struct machine *machine, const uint8_t *code, size_t size,
-                  uint16_t address) {
+                  uint32_t address) {
     avr_t *avr = machine->avr;
     memcpy(avr->flash + address, code, size);
     avr->codeend = (uint32_t)(address + size);
 }
 
-void machine_set_boot_start(struct machine *machine, uint16_t address) {
+void machine_set_boot_start(struct machine *machine, uint32_t address) {
     machine->boot_start = address;
     machine->avr->reset_pc = address;
     machine->avr->pc = address;
@@ -401,7 +413,7 @@ static void step(struct machine *machine) {
         const avr_flashaddr_t before = avr->pc;
         avr_service_interrupts(avr);
         if (avr->pc != before && machine_fixes(machine, FIX_INTERRUPT_ENTRY)) {
-            machine_stall(machine, MACHINE_INTERRUPT_CYCLES);
+            machine_stall(machine, machine->kind->interrupt_cycles);
         }
         return;
     }
@@ -441,10 +453,10 @@ uint16_t machine_stack_deepest(struct machine *machine) {
     const uint8_t *data = machine->avr->data;
     unsigned at = machine->stack.heap_start;
     const uint8_t paint = data[at];
-    while (at <= MACHINE_SRAM_END && data[at] == paint) {
+    while (at <= machine->kind->sram_end && data[at] == paint) {
         at++;
     }
-    const uint16_t depth = (uint16_t)(MACHINE_SRAM_END + 1 - at);
+    const uint16_t depth = (uint16_t)(machine->kind->sram_end + 1 - at);
     if (depth > machine->stack.deepest) {
         machine->stack.deepest = depth;
     }

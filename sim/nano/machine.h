@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
-// A virtual Arduino Nano: libsimavr's ATmega328P with its defects corrected, the sensor
-// on I2C and INT0, a button on D3, the host on the UART. Time is the processor's cycle
-// count at 16 MHz since power came.
+// A virtual Arduino Nano or Mega: libsimavr's ATmega328P or ATmega2560 with its defects
+// corrected, the sensor on I2C and D2, a button on D3, the host on the UART. Time is
+// the processor's cycle count at 16 MHz since power came.
 //
-// Data sheet: ATmega328P, DS40002061B; sections beside the code.
+// Data sheet: ATmega328P, DS40002061B; sections beside the code. What differs on an
+// ATmega2560, DS40002211, is in struct machine_kind.
 #ifndef SIM_NANO_MACHINE_H
 #define SIM_NANO_MACHINE_H
 
@@ -18,27 +19,44 @@
 
 enum {
     MACHINE_CYCLES_PER_US = 16,
-    MACHINE_EEPROM_SIZE = 1024,
-    MACHINE_VECTORS = 26,
-    MACHINE_SRAM_START = 0x100,
-    MACHINE_SRAM_END = 0x8FF,
+    MACHINE_EEPROM_MAX = 4096,
+    MACHINE_VECTORS_MAX = 57,
     MACHINE_PAINT = 0xA5,  // fills SRAM at power-up, to find the deepest stack
     // r0 to r31 at power-up, where they hold anything: here, what looks like the causes
     // of a reset.
     MACHINE_REGISTERS = 0x05,
-    MACHINE_PIN_INT0 = 2,          // D2: the sensor's data-ready pin
-    MACHINE_PIN_BUTTON = 3,        // D3
-    MACHINE_INTERRUPT_CYCLES = 4,  // into a handler, data sheet 7.7.1
 };
 #define MACHINE_HZ 16000000U
 #define MACHINE_NEVER UINT64_MAX
 
-// Data-space addresses, data sheet 30 (register summary).
+// What differs between the processors, and between how their boards are wired.
+struct machine_kind {
+    const char *mcu;     // libsimavr's name
+    const char *memory;  // what is wrong with a file that is none of its EEPROM's
+    uint32_t flash_size;
+    uint32_t boot_start;  // where a reset begins with the fuses of a board as sold
+    uint16_t sram_start, sram_end;
+    uint16_t eeprom_size;
+    uint16_t timer_masks_end;  // TIMSK0 and on, to before this
+    uint8_t vectors;
+    uint8_t external_interrupts;
+    uint8_t watchdog_vector, eeprom_vector;
+    // Of an interrupt: bytes of the return address, cycles into a handler, and more of
+    // them out of sleep (ATmega328P 7.7.1, ATmega2560 7.8.1).
+    uint8_t return_bytes, interrupt_cycles;
+    // The port of D2 and D3, bits there, and the external interrupts of these pins.
+    uint8_t pin_port;  // its letter
+    uint16_t pins;     // PINx; DDRx and PORTx follow
+    uint8_t ready_bit, ready_interrupt;
+    uint8_t button_bit, button_interrupt;
+    // The bus: PINx, and masks of its lines there.
+    uint16_t lines;
+    uint8_t sda, scl;
+};
+extern const struct machine_kind machine_atmega328p, machine_atmega2560;
+
+// Data-space addresses, data sheet 30 (register summary), the same in both.
 enum machine_register {
-    REG_PINC = 0x26,
-    REG_DDRC = 0x27,
-    REG_PORTC = 0x28,
-    REG_PIND = 0x29,
     REG_EIFR = 0x3C,
     REG_EIMSK = 0x3D,
     REG_GPIOR0 = 0x3E,
@@ -55,8 +73,8 @@ enum machine_register {
     REG_WDTCSR = 0x60,
     REG_PCICR = 0x68,
     REG_EICRA = 0x69,
+    REG_EICRB = 0x6A,  // of the ATmega2560
     REG_TIMSK0 = 0x6E,
-    REG_TIMSK2 = 0x70,
     REG_ADCL = 0x78,
     REG_ADCH = 0x79,
     REG_TCCR1B = 0x81,
@@ -146,7 +164,7 @@ struct machine_uart {
 };
 
 struct machine_eeprom {
-    uint8_t bytes[MACHINE_EEPROM_SIZE];
+    uint8_t bytes[MACHINE_EEPROM_MAX];
     bool is_busy;
     uint16_t address;
     uint8_t value;  // what the cell will hold
@@ -183,6 +201,7 @@ struct machine_watch {
 };
 
 struct machine {
+    const struct machine_kind *kind;
     struct avr_t *avr;
     struct module *module;
     uint32_t without;  // bits of machine_fix: corrections left out
@@ -193,14 +212,14 @@ struct machine {
     void *context;
     void (*on_byte)(void *context, uint64_t cycle, uint8_t byte);
     void (*on_mark)(void *context, uint64_t cycle, uint8_t value);  // GPIOR0
-    void (*on_data_ready)(void *context);                           // edge on INT0
+    void (*on_data_ready)(void *context);                           // edge on D2
     void (*on_bus)(void *context, bool is_start);                   // START, STOP
     void (*on_eeprom_write)(void *context, uint64_t number);
     void (*on_reset)(void *context, enum machine_reset cause);
     struct machine_watch watch;
 
     uint64_t until;          // where machine_run() stops
-    uint16_t boot_start;     // byte address; 0: no bootloader
+    uint32_t boot_start;     // byte address; 0: no bootloader
     uint64_t clock_start;    // cycle of Timer1's first start by the firmware, or
                              // MACHINE_NEVER
     uint64_t clock_restart;  // of its last one
@@ -215,21 +234,22 @@ struct machine {
     struct machine_timer timers[3];
     struct machine_watchdog watchdog;
     struct machine_stack stack;
-    avr_int_vector_t *vectors[MACHINE_VECTORS];
-    struct machine_hook portc, ddrc, pinc, pind;
+    avr_int_vector_t *vectors[MACHINE_VECTORS_MAX];
+    struct machine_hook line_port, line_ddr, line_pins, pins;
     bool scl_was_high, sda_was_high;
-    bool int0_is_high, button_is_down;
+    bool ready_is_high, button_is_down;
+    bool is_unwired;  // data-ready has no wire
 };
 
 // Makes the machine and switches power on. False where libsimavr has no such processor.
 // The module stays the caller's.
-bool machine_init(struct machine *machine, struct module *module, uint64_t seed,
-                  uint32_t without);
+bool machine_init(struct machine *machine, const struct machine_kind *kind,
+                  struct module *module, uint64_t seed, uint32_t without);
 void machine_free(struct machine *machine);
 void machine_load(struct machine *machine, const uint8_t *code, size_t size,
-                  uint16_t address);
+                  uint32_t address);
 // Has resets start there, as the fuse BOOTRST does, from this one on.
-void machine_set_boot_start(struct machine *machine, uint16_t address);
+void machine_set_boot_start(struct machine *machine, uint32_t address);
 
 // Runs until the cycle is reached. False once the processor can't go on.
 bool machine_run(struct machine *machine, uint64_t until_cycle);
@@ -247,7 +267,7 @@ void machine_cut_eeprom(struct machine *machine);
 // Deepest stack so far, bytes.
 uint16_t machine_stack_deepest(struct machine *machine);
 // Program counter (bytes) and stack pointer, for a report.
-uint16_t machine_pc(const struct machine *machine);
+uint32_t machine_pc(const struct machine *machine);
 uint16_t machine_sp(const struct machine *machine);
 
 // Between the files of the machine.

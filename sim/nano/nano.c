@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The virtual Nano: runs the image that a user flashes, with the modelled sensor, and
-// says at the end what it saw. Links libsimavr (GPL-3) and libelf: this program and
-// nothing else of the project does, and it is not part of any package.
+// The virtual Nano and Mega: runs the image that a user flashes, with the modelled
+// sensor, and says at the end what it saw. Links libsimavr (GPL-3) and libelf: this
+// program and nothing else of the project does, and it is not part of any package.
 #include <string.h>
 
 #include "bootloader.h"
@@ -18,7 +18,7 @@
 static const char usage_text[] =
     "usage: nano" RUN_OPTIONS "            [--profile FILE [--parts FILE]]"
     " [--bootloader FILE.hex]\n"
-    "            [--sensor mpu9250|lsm6dsox]\n"
+    "            [--sensor mpu9250|lsm6dsox] [--ready wire|none]\n"
     "       nano --self-test [--without NAME]\n"
     "       nano --version\n";
 
@@ -29,7 +29,10 @@ static struct nano {
     struct image image;
     struct follow follow;
     const char *bootloader, *sensor;
+    const char *ready;  // "none": data-ready has no wire
 } nano;
+
+static struct run_board board_nano;  // what the processor decides is set at power-up
 
 // Callbacks of the machine
 
@@ -61,10 +64,19 @@ static int power_up(void *self, struct run *run) {
         config.context = &run->motion;
     }
     board->module = module_new(&config);
-    if (board->module == NULL ||
-        !machine_init(machine, board->module, options->seed, 0)) {
-        return run_complain(run, "libsimavr", "has no atmega328p");
+    const struct machine_kind *kind = image_kind(options->image);
+    if (kind == NULL) {
+        return run_complain(run, options->image,
+                            "is no image of an ATmega328P or ATmega2560; `pio run -e "
+                            "nano -e mega` makes them");
     }
+    board_nano.memory = kind->memory;
+    board_nano.code_size = kind->flash_size;
+    if (board->module == NULL ||
+        !machine_init(machine, kind, board->module, options->seed, 0)) {
+        return run_complain(run, "libsimavr", "does not have the processor");
+    }
+    machine->is_unwired = board->ready != NULL && strcmp(board->ready, "none") == 0;
     machine->context = run;
     machine->on_byte = on_byte;
     machine->on_mark = on_mark;
@@ -74,10 +86,10 @@ static int power_up(void *self, struct run *run) {
     machine->on_reset = on_reset;
     if (!image_load(&board->image, options->image, machine)) {
         return run_complain(run, options->image,
-                            "is no image of an ATmega328P; pio run -e nano makes one");
+                            "has no code, or more than fits into flash");
     }
     if (board->bootloader != NULL) {
-        const char *problem = board->image.flash > BOOTLOADER_START
+        const char *problem = board->image.flash > kind->boot_start
                                   ? "does not fit beside this image"
                                   : bootloader_load(machine, board->bootloader);
         if (problem != NULL) {
@@ -130,7 +142,7 @@ static void cut_memory(void *self) {
 }
 
 static uint8_t *memory_bytes(void *self, size_t *size) {
-    *size = MACHINE_EEPROM_SIZE;
+    *size = ((struct nano *)self)->machine.kind->eeprom_size;
     return ((struct nano *)self)->machine.eeprom.bytes;
 }
 
@@ -192,17 +204,17 @@ static const struct fault_kinds *fault_kinds(const void *self) {
     return faults_of_module(((const struct nano *)self)->sensor);
 }
 
-static const struct run_path paths[] = {
-    {"--bootloader", &nano.bootloader}, {"--sensor", &nano.sensor}, {NULL, NULL}};
+static const struct run_path paths[] = {{"--bootloader", &nano.bootloader},
+                                        {"--sensor", &nano.sensor},
+                                        {"--ready", &nano.ready},
+                                        {NULL, NULL}};
 
-static const struct run_board board_nano = {
+static struct run_board board_nano = {
     .name = "nano",
     .usage = usage_text,
     .version = NANO_VERSION,
     .ticks_per_us = MACHINE_CYCLES_PER_US,
-    .code_size = FOLLOW_FLASH_BYTES,
     .fault_kinds = fault_kinds,
-    .memory = "is no EEPROM of 1024 bytes",
     .paths = paths,
     .command = command,
     .check = check,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Timers of the virtual Nano: simavr forgets what was written to TCNT while the clock
+// Timers: simavr forgets what was written to TCNT while the clock
 // was stopped (data sheet 15, 16, 18).
 #include <stdlib.h>
 

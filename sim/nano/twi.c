@@ -15,8 +15,6 @@ enum {
     TWEN = 1 << 2,
     TWIE = 1 << 0,
     PRESCALER = 0x03,  // of TWSR
-    PIN_SDA = 1 << 4,  // A4
-    PIN_SCL = 1 << 5,  // A5
     // Data sheet 22.7, tables 22-2 and 22-3.
     STATUS_START = 0x08,
     STATUS_REPEATED_START = 0x10,
@@ -297,22 +295,23 @@ void twi_reset(struct machine *machine) {
 
 // The lines: both have pull-ups; the processor pulls down by DDR = 1, PORT = 0.
 
-static bool pulls_down(const avr_t *avr, uint8_t pin) {
-    return (avr->data[REG_TWCR] & TWEN) == 0 && (avr->data[REG_DDRC] & pin) != 0 &&
-           (avr->data[REG_PORTC] & pin) == 0;
+static bool pulls_down(const struct machine *machine, uint8_t pin) {
+    const uint8_t *data = machine->avr->data;
+    const uint16_t at = machine->kind->lines;  // PINx, then DDRx and PORTx
+    return (data[REG_TWCR] & TWEN) == 0 && (data[at + 1] & pin) != 0 &&
+           (data[at + 2] & pin) == 0;
 }
 
 static void follow_lines(struct machine *machine) {
-    const avr_t *avr = machine->avr;
     const uint64_t ns = machine_ns(machine_now(machine));
-    const bool scl = !pulls_down(avr, PIN_SCL);
+    const bool scl = !pulls_down(machine, machine->kind->scl);
     if (machine->module == NULL) {
         return;
     }
     if (scl && !machine->scl_was_high) {
         i2c_bus_scl_pulse(bus(machine), ns);
     }
-    const bool sda = !pulls_down(avr, PIN_SDA) && !is_held(machine);
+    const bool sda = !pulls_down(machine, machine->kind->sda) && !is_held(machine);
     if (scl && machine->scl_was_high && sda && !machine->sda_was_high) {
         i2c_bus_stop(bus(machine), ns);  // SDA rises while SCL is high
         if (machine->on_bus != NULL) {
@@ -324,27 +323,31 @@ static void follow_lines(struct machine *machine) {
     machine_follow_module(machine);
 }
 
-static void write_portc(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
+static void write_line_port(avr_t *avr, avr_io_addr_t address, uint8_t value,
+                            void *param) {
     struct machine *machine = param;
-    machine->portc.write(avr, address, value, machine->portc.write_param);
+    machine->line_port.write(avr, address, value, machine->line_port.write_param);
     follow_lines(machine);
 }
 
-static void write_ddrc(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
+static void write_line_ddr(avr_t *avr, avr_io_addr_t address, uint8_t value,
+                           void *param) {
     struct machine *machine = param;
-    machine->ddrc.write(avr, address, value, machine->ddrc.write_param);
+    machine->line_ddr.write(avr, address, value, machine->line_ddr.write_param);
     follow_lines(machine);
 }
 
-static uint8_t read_pinc(avr_t *avr, avr_io_addr_t address, void *param) {
+static uint8_t read_line_pins(avr_t *avr, avr_io_addr_t address, void *param) {
     struct machine *machine = param;
-    uint8_t value = machine->pinc.read(avr, address, machine->pinc.read_param);
-    value |= PIN_SDA | PIN_SCL;
-    if (pulls_down(avr, PIN_SCL)) {
-        value &= (uint8_t)~PIN_SCL;
+    uint8_t value =
+        machine->line_pins.read(avr, address, machine->line_pins.read_param);
+    const struct machine_kind *kind = machine->kind;
+    value |= kind->sda | kind->scl;
+    if (pulls_down(machine, kind->scl)) {
+        value &= (uint8_t)~kind->scl;
     }
-    if (pulls_down(avr, PIN_SDA) || is_held(machine)) {
-        value &= (uint8_t)~PIN_SDA;
+    if (pulls_down(machine, kind->sda) || is_held(machine)) {
+        value &= (uint8_t)~kind->sda;
     }
     avr->data[address] = value;
     return value;
@@ -352,9 +355,12 @@ static uint8_t read_pinc(avr_t *avr, avr_io_addr_t address, void *param) {
 
 void lines_init(struct machine *machine) {
     if (machine_fixes(machine, FIX_BUS_LINES)) {
-        machine_take(machine, REG_PORTC, write_portc, NULL, &machine->portc);
-        machine_take(machine, REG_DDRC, write_ddrc, NULL, &machine->ddrc);
-        machine_take(machine, REG_PINC, NULL, read_pinc, &machine->pinc);
+        machine_take(machine, machine->kind->lines + 2, write_line_port, NULL,
+                     &machine->line_port);
+        machine_take(machine, machine->kind->lines + 1, write_line_ddr, NULL,
+                     &machine->line_ddr);
+        machine_take(machine, machine->kind->lines, NULL, read_line_pins,
+                     &machine->line_pins);
     }
 }
 

@@ -13,7 +13,6 @@ enum {
     WDCE = 1 << 4,
     WDE = 1 << 3,
     WDP = 0x27,
-    VECTOR_WDT = 6,
     CHANGE_CYCLES = 4,        // WDCE holds, 11.9.2
     SHORTEST_CYCLES = 256000  // 2048 of its own oscillator, 128 kHz: 16 ms
 };
@@ -108,7 +107,8 @@ static int on_ioctl(avr_io_t *io, uint32_t control, void *param) {
 
 void watchdog_served(struct machine *machine, int vector) {
     uint8_t *control = &machine->avr->data[REG_WDTCSR];
-    if (vector != VECTOR_WDT || !machine_fixes(machine, FIX_WATCHDOG_MODES)) {
+    if (vector != machine->kind->watchdog_vector ||
+        !machine_fixes(machine, FIX_WATCHDOG_MODES)) {
         return;
     }
     // simavr has just cleared WDIE in either mode.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Small programs on the virtual Nano that measure how its hardware behaves. The host
-// puts the number of one into PROBE, waits for GPIOR2 and reads numbers from RESULT.
+// Small programs on a virtual AVR that measure how its hardware behaves. The host puts
+// the number of one into PROBE, waits for GPIOR2 and reads numbers from RESULT.
 #include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -8,6 +8,7 @@
 #include <avr/wdt.h>
 
 #include "probes.h"
+#include "wired.h"
 
 // Beyond the variables and below the stack: start-up code leaves it alone.
 #define PROBE (*(volatile uint8_t *)PROBE_ADDRESS)
@@ -74,19 +75,25 @@ static void twi_bus_held(void) {
     RESULT[0] = (TWCR & (1 << TWINT)) != 0;
 }
 
+static uint8_t lines(void) {
+    const uint8_t pins = LINES_PIN;
+    return (uint8_t)((pins & (1 << SDA_BIT) ? LINES_SDA : 0) |
+                     (pins & (1 << SCL_BIT) ? LINES_SCL : 0));
+}
+
 // A slave holds SDA; nine pulses on SCL by hand.
 static void bus_lines(void) {
-    RESULT[0] = PINC & ((1 << PC4) | (1 << PC5));
+    RESULT[0] = lines();
     RESULT[1] = 0;
     for (uint8_t pulse = 1; pulse <= 9; pulse++) {
-        DDRC |= 1 << PC5;
-        RESULT[2] = PINC & (1 << PC5);
-        DDRC &= (uint8_t) ~(1 << PC5);
-        if (RESULT[1] == 0 && (PINC & (1 << PC4))) {
+        LINES_DDR |= 1 << SCL_BIT;
+        RESULT[2] = lines() & LINES_SCL;
+        LINES_DDR &= (uint8_t) ~(1 << SCL_BIT);
+        if (RESULT[1] == 0 && (lines() & LINES_SDA)) {
             RESULT[1] = pulse;
         }
     }
-    RESULT[3] = PINC & ((1 << PC4) | (1 << PC5));
+    RESULT[3] = lines();
 }
 
 static bool twi_write(uint8_t reg, uint8_t value) {
@@ -144,36 +151,36 @@ static void interrupt_entry(void) {
     RESULT[0] = before;
 }
 
-ISR(INT0_vect) {
+ISR(READY_vect) {
     count++;
 }
 
-static void edge_on_int0(void) {
-    EICRA = (1 << ISC01) | (1 << ISC00);
-    PORTD &= (uint8_t) ~(1 << PD2);
-    DDRD |= 1 << PD2;
-    PORTD |= 1 << PD2;
+static void edge_on_ready(void) {
+    READY_SENSE = (1 << ISC01) | (1 << ISC00);
+    WIRED_PORT &= (uint8_t) ~(1 << READY_BIT);
+    WIRED_DDR |= 1 << READY_BIT;
+    WIRED_PORT |= 1 << READY_BIT;
 }
 
 // An edge while the interrupt is off is remembered.
 static void interrupt_flags(void) {
-    edge_on_int0();
-    RESULT[0] = EIFR & 1;
+    edge_on_ready();
+    RESULT[0] = EIFR >> READY & 1;
     sei();
-    EIMSK = 1;
+    EIMSK = 1 << READY;
     __asm__ volatile("nop\n\tnop\n");
     cli();
     RESULT[1] = count;
-    RESULT[2] = EIFR & 1;
+    RESULT[2] = EIFR >> READY & 1;
 }
 
 // Unless it is told to be forgotten.
 static void external_flag(void) {
-    edge_on_int0();
-    EIFR = 1;
-    RESULT[0] = EIFR & 1;
+    edge_on_ready();
+    EIFR = 1 << READY;
+    RESULT[0] = EIFR >> READY & 1;
     sei();
-    EIMSK = 1;
+    EIMSK = 1 << READY;
     __asm__ volatile("nop\n\tnop\n");
     cli();
     RESULT[1] = count;
@@ -327,8 +334,8 @@ static void timer_compare(void) {
 static void watchdog_reset(uint8_t causes) {
     if (causes & (1 << WDRF)) {
         RESULT[1] = causes;
-        EICRA = (1 << ISC01) | (1 << ISC00);
-        EIMSK = 1;
+        READY_SENSE = (1 << ISC01) | (1 << ISC00);
+        EIMSK = 1 << READY;
         TCCR1B = 1 << CS11;
         sei();
         delay_ticks(40000);  // 20 ms: the sensor gives 500 edges a second
@@ -425,17 +432,17 @@ static void analog(void) {
     for (uint8_t i = 0; i < 8; i++) {
         RESULT[i] = convert(7);
     }
-    RESULT[8] = convert(14);  // 1.1 V against 5 V
+    RESULT[8] = convert(BANDGAP);  // 1.1 V against 5 V
 }
 
 static void button(void) {
-    PORTD |= 1 << PD3;
-    RESULT[0] = PIND & (1 << PD3);
+    WIRED_PORT |= 1 << BUTTON_BIT;
+    RESULT[0] = WIRED_PIN >> BUTTON_BIT & 1;
     RESULT[8] = 1;  // the host presses now
     TCCR1B = 1;
     delay_ticks(2000);
-    PORTD |= 1 << PD3;
-    RESULT[1] = PIND & (1 << PD3);
+    WIRED_PORT |= 1 << BUTTON_BIT;
+    RESULT[1] = WIRED_PIN >> BUTTON_BIT & 1;
 }
 
 int main(void) {

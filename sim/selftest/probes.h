@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the self-test and its programs on the virtual Nano share.
+// What the self-test and its programs share.
 #ifndef SIM_SELFTEST_PROBES_H
 #define SIM_SELFTEST_PROBES_H
 
@@ -10,6 +10,8 @@ enum {
     PROBE_ADDRESS = 0x6F0,
     PROBE_RESULTS = 0x700,  // 16-bit numbers, little endian
     PROBE_DONE = 0xD1,
+    LINES_SDA = 1,
+    LINES_SCL = 2,
 };
 
 enum probe {

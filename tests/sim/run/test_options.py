@@ -86,9 +86,11 @@ def test_a_mistake_in_the_faults_is_named(
         (":017E000000FF\n:00000001FF\n", "is no Intel HEX file"),  # its sum is wrong
         (":017E00000081\n", "is no Intel HEX file"),  # has no end
         (":00000001FF\n", "has no bytes"),
-        (":0177FF000089\n:00000001FF\n", "outside the bootloader's 0x7800 to 0x7fff"),
-        (":027FFF00000080\n:00000001FF\n", "outside the bootloader's 0x7800 to 0x7fff"),
-        (":020000040001F9\n", "addresses beyond those of an ATmega328P"),
+        (":0177FF000089\n:00000001FF\n", "outside the bootloader's part of flash"),
+        (":027FFF00000080\n:00000001FF\n", "outside the bootloader's part of flash"),
+        (":020000040001F9\n:017FFF000081\n", "outside the bootloader's part of flash"),
+        (":020000021000EC\n:017FFF000081\n", "outside the bootloader's part of flash"),
+        (":00000006FA\n", "has records of no known type"),
     ],
 )
 def test_what_is_wrong_with_a_bootloader_is_told(
