@@ -33,7 +33,7 @@ test test-long coverage: export OPENBLAS_NUM_THREADS := 1
 help: ## this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
-demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython, pico)
+demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython, pico, mega)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@imud demo --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
@@ -90,7 +90,7 @@ lock: ## requirements.lock anew: the newest versions that pyproject.toml allows
 	@$(PYTHON) tools/setup.py check
 	@python tools/locked.py
 
-firmware: ## image of a board (BOARD=nano, f405, micropython, pico, pico-micropython, pico2-micropython)
+firmware: ## image of a board (BOARD=nano, mega, f405, micropython, pico, pico-micropython, pico2-micropython)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@$(if $(filter micropython pico%,$(BOARD)),,pio run --environment $(environment))
 	@$(if $(filter pico%,$(BOARD)),echo "build/pico/$(BOARD).uf2: copy it onto the drive that the board shows")

@@ -31,6 +31,11 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "cycles, stack, flash and RAM: the image, its parts, every filter",
         "firmware/cycles.py",
     ),
+    "mega": (
+        "the same of the Mega's image, and strokes through it",
+        "firmware/cycles.py --board mega",
+        "strokes/on_board.py --board mega",
+    ),
     "f405": (
         "the same of the F405: instructions, both of its rates, every filter",
         "firmware/cycles.py --board f405",

@@ -11,11 +11,12 @@ import os
 
 import pytest
 
-from imud.virtual.boards import BOARDS, PICO
+from imud.virtual.boards import BOARDS, MEGA, PICO
 from length import choose
 
-# The virtual boards that `make test` builds; `make test-long` builds the Pico, too.
-BUILT = choose(everyday=[name for name in BOARDS if name != PICO.name], long=[*BOARDS])
+# The virtual boards that `make test` builds; `make test-long` builds the others, too.
+OTHERS = (PICO.name, MEGA.name)
+BUILT = choose(everyday=[name for name in BOARDS if name not in OTHERS], long=[*BOARDS])
 
 
 def leave_out(what: str, *, is_whole_file: bool = False) -> None:

@@ -89,6 +89,7 @@ CHROMIUM = Need("chromium", has("chromium"))
 # Proves that parsers have no undefined behaviour, and takes 860 MB.
 FRAMA_C = Need("frama-c-base", has("frama-c"))
 BROWSING = ("test", "test-long", "bench")  # commands that use it
+BOARD_NEEDS["mega"] = BOARD_NEEDS["nano"]
 BOARD_NEEDS["micropython"] = (*BOARD_NEEDS["f405"], NEWLIB)
 PICOS = (
     "pico",

@@ -35,13 +35,14 @@ REVISION = "revision.txt"  # read by firmware/platforms/build_text.py where no g
 # Environments of platformio.ini, and what their files are called in a release.
 IMAGES = {
     "nano": "nano-fuse",
+    "mega": "mega",
     "nano_complementary": "nano-complementary",
     "nano_mahony": "nano-mahony",
     "nano_madgwick": "nano-madgwick",
     "nano_dcm_pi": "nano-dcm_pi",
     "stm32f405": "f405",
 }
-STRIP = {"nano": "avr-strip", "f405": "arm-none-eabi-strip"}
+STRIP = {"nano": "avr-strip", "mega": "avr-strip", "f405": "arm-none-eabi-strip"}
 SUMS = "SHA256SUMS"
 REQUIREMENTS = "requirements.txt"  # read by packages/deb/make.py, too
 OURS = ("imu-probe", "imu-probe-firmware", "imu-probe-sim")

@@ -58,7 +58,7 @@ GROUPS = {
     "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
     "release": ("build", "firmware", "release", "site"),
 }
-ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
+ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405", "mega": "mega"}  # platformio.ini
 PACKAGE = "package"
 MICROPYTHON = "micropython"  # the board that PlatformIO does not build
 
@@ -81,14 +81,14 @@ def main(arguments: Sequence[str]) -> None:
         with alone():
             install_package()
         return
-    boards = tuple(ENVIRONMENTS) if args.board == "both" else (args.board,)
+    boards = ("nano", "f405") if args.board == "both" else (args.board,)
     groups = GROUPS[args.command]
     if MICROPYTHON in groups:
         boards = (*boards, MICROPYTHON)
     elif MICROPYTHON in boards:
         groups = (*groups, MICROPYTHON)
     if args.command == "test-long":
-        boards = (*boards, "pico", "pico-micropython")
+        boards = (*boards, "pico", "pico-micropython", "mega")
     with alone():
         LOG.write_text("")
         needs = system_needs(args.command, boards)
@@ -147,7 +147,7 @@ def build_sim(boards: Sequence[str]) -> None:
     """Build both boards' emulators, or only the named board's; the Pico's if named."""
     targets = ["all"] if len(boards) > 1 else []
     targets += ["pico"] if set(boards) & set(PICOS) else []
-    emulator = "f405" if boards[0] == MICROPYTHON else boards[0]
+    emulator = {MICROPYTHON: "f405", "mega": "nano"}.get(boards[0], boards[0])
     targets = targets or [f"../build/sim/{emulator}"]
     make = ("make", "--silent", f"--jobs={os.cpu_count() or 1}", "--directory=sim")
     step("virtual boards", *make, *targets)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.common.boards import F405, NANO
+from benchmarks.common.boards import F405, MEGA, NANO
 from benchmarks.firmware import filters, parts
 
 
@@ -31,6 +31,14 @@ LIMITS = {
         stack=filters.RAM_BYTES,
         # 256 bytes are a reserve for stack that no run has needed.
         both=1792,
+    ),
+    # The bootloader takes 8 kB of the flash. A sample's work ends before the next one.
+    "mega": Limits(
+        int(MEGA.clock_hz / MEGA.chip.rate_hz),
+        flash=(256 - 8) * 1024,
+        variables=8 * 1024,
+        stack=8 * 1024,
+        both=8 * 1024 - 256,
     ),
     # Half of the time, because an instruction may take more than a cycle. Data sheet,
     # "Memory mapping"; the last two sectors of flash are for settings, and the stack is

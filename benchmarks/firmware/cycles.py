@@ -6,7 +6,7 @@ draws strokes, rests, and works beside magnets. Shows the image's figures agains
 limits, and its cycles by part. Then it runs the image again while the host restarts its
 filter or changes its params, and shows the slowest samples of these runs by function.
 
-For the ATmega328P it also measures the images with the papers' filters, and every
+For the ATmega328P alone it also measures the images with the papers' filters, and every
 filter alone, beside Madgwick's and VQF in floats. The STM32F405 also logs to a card;
 measured besides are each of its filters, and both of its rates with every message on
 the wire. Its cycles are counted as instructions, without wait states of flash, buses
@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common.boards import BOARDS, F405, NANO, Board
+from benchmarks.common.boards import F405, MEGA, NANO, Board
 from benchmarks.common.feed import Samples
 from benchmarks.common.images import RunFailed, build, environments
 from benchmarks.common.paths import RESULTS
@@ -48,6 +48,7 @@ MAGNETS = (
 )
 # Offsets that the calibration at start-up removes, and one of the magnetometer.
 ERRORS = sensors.SensorErrors(mag_offset_ut=3.0)
+BOARDS = {board.name: board for board in (NANO, MEGA, F405)}
 FILTER_SECONDS = 30.0  # of the same motion, for the filters alone
 
 
@@ -171,6 +172,15 @@ def of_f405(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str,
     return lines, result
 
 
+def of_mega(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str, Any]]:
+    """Measure the Mega's image."""
+    _, lines, result = image_of(MEGA, args.image or build(MEGA.environment), hand, args)
+    return lines, result
+
+
+OF = {NANO: of_nano, MEGA: of_mega, F405: of_f405}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, print the tables, write the JSON; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(
@@ -206,7 +216,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sensors.generate(
             args.seconds, args.seed, world=World(magnets=MAGNETS), errors=ERRORS
         ).save(hand)
-        lines, result = (of_nano if board is NANO else of_f405)(hand, args)
+        lines, result = OF[board](hand, args)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(json.dumps(result, indent=1) + "\n")
     broken = [line for line in lines if not line.is_kept]

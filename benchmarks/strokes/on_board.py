@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Strokes through the STM32F405's image on the virtual board: their errors, whether the
+"""Strokes through a board's image on the virtual board: their errors, whether the
 C on this machine computes the same bits, and what they cost in cycles.
 """
 
@@ -16,7 +16,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.common import capture as captures
-from benchmarks.common.boards import F405
+from benchmarks.common.boards import F405, STROKING, Board
 from benchmarks.common.capture import Capture
 from benchmarks.common.figure import Figure
 from benchmarks.common.images import RunFailed, build
@@ -37,7 +37,7 @@ COSTS = ("cycles_mean", "cycles_worst", "flash", "ram")
 FLAG = "-DPOSE_WITHOUT_STROKES"
 
 
-def sent(image: Path, run: Run) -> Capture:
+def sent(board: Board, image: Path, run: Run) -> Capture:
     """What the image sends on a run's motion."""
     downs = [(time_s, is_down) for time_s, is_down in run.presses()]
     options: list[str] = []
@@ -51,7 +51,7 @@ def sent(image: Path, run: Run) -> Capture:
         felt = Path(folder) / "felt.npz"
         run.felt.save(felt)
         capture = captures.run(
-            F405.name, felt, options, image=image, params=params_of(run.case)
+            board.name, felt, options, image=image, params=params_of(run.case)
         )
     if capture.feed.start_us != MOTION_FROM_US:
         raise RunFailed(f"the motion began at {capture.feed.start_us} us")
@@ -85,22 +85,22 @@ def differing(capture: Capture) -> int:
     return twin.differed
 
 
-def without_strokes(folder: Path) -> Path:
+def without_strokes(board: Board, folder: Path) -> Path:
     """The image, built without strokes."""
     options = {"PLATFORMIO_BUILD_FLAGS": FLAG, "PLATFORMIO_BUILD_DIR": str(folder)}
     with patch.dict(os.environ, options):
-        build(F405.environment)
-    return folder / F405.environment / "firmware.elf"
+        build(board.environment)
+    return folder / board.environment / "firmware.elf"
 
 
-def print_costs(image: Path) -> None:
+def print_costs(board: Board, image: Path) -> None:
     """Cycles a sample of the image, and of one built without strokes."""
     case = next(each for each in on_host.CASES if each.name == COUNTED)
-    run = run_of(case, 1000 * on_host.CASES.index(case) + 1)
+    run = run_of(case, 1000 * on_host.CASES.index(case) + 1, board.chip)
     with tempfile.TemporaryDirectory() as folder:
-        other = without_strokes(Path(folder))
+        other = without_strokes(board, Path(folder))
         for name, each in (("with strokes", image), ("without", other)):
-            summary = sent(each, run).summary
+            summary = sent(board, each, run).summary
             words = (
                 f"{summary[key]:.0f}"
                 for key in ("cycles_mean", "cycles_worst", "flash", "ram")
@@ -111,11 +111,13 @@ def print_costs(image: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=2, help="of each case")
+    parser.add_argument("--board", choices=STROKING, default=F405.name)
     parser.add_argument(
         "--image", type=Path, help="default: builds the one that is flashed"
     )
     args = parser.parse_args(arguments)
-    image = args.image or build(F405.environment)
+    board = STROKING[args.board]
+    image = args.image or build(board.environment)
     figures: list[Figure] = []
     unequal = 0
     print(on_host.HEAD)
@@ -125,15 +127,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         first = 1000 * on_host.CASES.index(case)
         runs = []
         for seed in range(1, 2 * args.runs, 2):
-            run = run_of(case, first + seed)
-            capture = sent(image, run)
+            run = run_of(case, first + seed, board.chip)
+            capture = sent(board, image, run)
             runs.append(found_by(capture, run))
             unequal += differing(capture)
         print(on_host.show(on_host.row_of(case, runs)), flush=True)
     figures.append(Figure("poses and strokes of other bits", unequal, (0, 0), (0, 0)))
     print(*figures, sep="\n")
     print("\ncycles a sample:      mean     worst     flash       RAM")
-    print_costs(image)
+    print_costs(board, image)
     return 1 if unequal else 0
 
 

@@ -9,8 +9,8 @@
 #include "pins.h"
 
 enum {
-    // Reference AVcc, input the 1.1 V bandgap (table "Input Channel Selections").
-    MUX_BANDGAP = _BV(REFS0) | _BV(MUX3) | _BV(MUX2) | _BV(MUX1),
+    // Reference AVcc, input the 1.1 V bandgap.
+    MUX_BANDGAP = _BV(REFS0) | ADC_BANDGAP,
     MUX_FLOATING = _BV(REFS0) | ADC_FLOATING,
     BANDGAP_MV = 1100,  // 1000 to 1200 ("System and Reset Characteristics")
     // Below 200 kHz for all ten bits: 16 MHz / 128. Noise is welcome to more: / 16.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The Arduino Nano as a whole: start-up of its parts, pins, identity, sleep.
+// An Arduino Nano or Mega as a whole: start-up of its parts, pins, identity, sleep.
 #include "../board.h"
 
 #include <avr/interrupt.h>
@@ -16,18 +16,6 @@
 
 volatile bool idle_has_work;
 
-// Pins that nothing is wired to get their pull-ups, so that they do not float
-// ("Unconnected Pins"). The bus and the sensor's INT must not: they belong to a chip of
-// 3.3 V, and the pull-ups here reach for 5 V.
-static void pins_init(void) {
-    PORTB = _BV(PB0) | _BV(PB1) | _BV(PB2) | _BV(PB3) | _BV(PB4);
-    DDRB = _BV(PIN_LED);
-    PORTC = _BV(PC0) | _BV(PC1) | _BV(PC2) | _BV(PC3);
-    DDRC = 0;
-    PORTD = (uint8_t)~_BV(PIN_DATA_READY);
-    DDRD = _BV(PIN_TXD);
-}
-
 void board_init(void) {
     while ((EECR & _BV(EEPE)) != 0) {
         // A write from before the reset goes on, for 3.4 ms at most.
@@ -42,28 +30,28 @@ void board_init(void) {
 }
 
 uint8_t board_kind(void) {
-    return BOARD_NANO;
+    return PINS_BOARD;
 }
 
 uint8_t board_cycles_per_us(void) {
     return F_CPU / 1000000;
 }
 
-// The ATmega328P documents no serial number.
+// Neither processor documents a serial number.
 bool board_unique_id(uint8_t id[8]) {
     (void)id;
     return false;
 }
 
 bool board_button_is_down(void) {
-    return (PIND & _BV(PIN_BUTTON)) == 0;
+    return pins_button_is_down();
 }
 
 void board_led_set(bool on) {
     if (on) {
-        PORTB |= _BV(PIN_LED);
+        LED_PORT |= _BV(PIN_LED);
     } else {
-        PORTB &= (uint8_t)~_BV(PIN_LED);
+        LED_PORT &= (uint8_t)~_BV(PIN_LED);
     }
 }
 

@@ -636,8 +636,11 @@ fixed_dot3_q14:
 
 ; Called first: saves what C wants back, as compiled functions do. libgcc's code pushes
 ; all such registers, makes room for X bytes on the stack and goes on at Z, which is
-; where this was called from.
+; where this was called from: within the lowest 128 KB, where EIND is 0.
 save:
+#ifdef __AVR_3_BYTE_PC__
+    pop     r31
+#endif
     pop     r31
     pop     r30
     clr     r26

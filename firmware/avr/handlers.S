@@ -3,15 +3,16 @@
 ; handler in C saves registers that it does not need, and its end cannot be shared: they
 ; take 40 % less flash and stack so.
 ;
-; From the data-ready edge to the bytes of a sample: INT0 stamps the time and starts the
-; burst, the TWI handler moves its bytes (sampling.c). The UART's move bytes between the
-; wire and its rings (uart.c). Timer1 is the clock, Timer0 wakes the main loop (clock.c).
+; From the data-ready edge to the bytes of a sample: its handler stamps the time and
+; starts the burst, the TWI handler moves its bytes (sampling.c). The UART's move bytes
+; between the wire and its rings (uart.c). Timer1 is the clock, Timer0 wakes the main loop (clock.c).
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/twi.h>
 
 #include "handlers.h"
+#include "pins.h"
 
 #define IO(register) _SFR_IO_ADDR(register)
 #define MEM(register) _SFR_MEM_ADDR(register)
@@ -50,9 +51,9 @@ clock_overflows:
     .section .text.handlers, "ax", @progbits
 
 ; A data-ready edge.
-    .global INT0_vect
-    .type   INT0_vect, @function
-INT0_vect:
+    .global DATA_READY_vect
+    .type   DATA_READY_vect, @function
+DATA_READY_vect:
     enter_sampling
     push    r22
     push    r23
@@ -335,9 +336,9 @@ TWI_vect:
     ldi     r24, GO_STOP
     rjmp    5b
 
-    .global USART_UDRE_vect
-    .type   USART_UDRE_vect, @function
-USART_UDRE_vect:
+    .global WIRE_SENT_vect
+    .type   WIRE_SENT_vect, @function
+WIRE_SENT_vect:
     enter
     lds     r25, uart_sending_tail
     mov     r30, r25
@@ -361,9 +362,9 @@ USART_UDRE_vect:
     sts     MEM(UCSR0B), r24
     rjmp    .Lleave
 
-    .global USART_RX_vect
-    .type   USART_RX_vect, @function
-USART_RX_vect:
+    .global WIRE_RECEIVED_vect
+    .type   WIRE_RECEIVED_vect, @function
+WIRE_RECEIVED_vect:
     enter
     lds     r24, MEM(UCSR0A)  ; valid until UDR0 is read
     lds     r25, MEM(UDR0)

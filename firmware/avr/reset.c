@@ -7,6 +7,7 @@
 #include <avr/wdt.h>
 
 #include "core/wire/messages.h"
+#include "pins.h"
 #include "start.h"
 
 _Static_assert(RESET_CAUSE_POWER_ON == _BV(PORF) &&
@@ -36,7 +37,7 @@ _Noreturn void board_reset(void) {
     start_asked = START_ASKED;
     if ((WDTCSR & _BV(WDIE)) != 0) {
         UCSR0A = 0;
-        __asm__ volatile("jmp 0x7800");
+        __asm__ volatile("jmp %0" ::"i"(BOOTLOADER_START));
     }
     WDTCSR = _BV(WDCE) | _BV(WDE);
     WDTCSR = _BV(WDE);  // 16 ms

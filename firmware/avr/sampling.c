@@ -9,6 +9,7 @@
 #include "../board.h"
 #include "clock.h"
 #include "handlers.h"
+#include "pins.h"
 #include "twi.h"
 
 enum {
@@ -123,9 +124,7 @@ void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {
     sampling.second = bursts[1];
 #endif
     twi_init();
-    EICRA = _BV(ISC01) | _BV(ISC00);  // INT0 at the rising edge
-    EIFR = _BV(INTF0);                // none of the past
-    EIMSK = _BV(INT0);
+    pins_data_ready_listen();
 }
 
 // Lets a burst that runs come to its end: a device cut off while it sends holds SDA.

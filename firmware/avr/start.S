@@ -4,6 +4,7 @@
 
 #include <avr/io.h>
 
+#include "pins.h"
 #include "start.h"
 
     .section .noinit.start, "aw", @nobits
@@ -33,6 +34,7 @@ start_asked:
     out     _SFR_IO_ADDR(SPCR), r1
     out     _SFR_IO_ADDR(ACSR), r1
     out     _SFR_IO_ADDR(SPMCSR), r1
+    quiet_others
 
 ; The cause: the flags of MCUSR, none where a bootloader has cleared them. Of those that
 ; do so, some hand them over in r2; it is not read, because others leave anything there.
@@ -41,6 +43,7 @@ start_asked:
     lds     r24, WDTCSR
     sbrc    r24, WDIE
     ldi     r22, _BV(WDRF)
+    look_at_bootloader
     lds     r24, start_asked
     lds     r25, start_asked + 1
     subi    r24, lo8(START_ASKED)
@@ -51,13 +54,11 @@ start_asked:
     sts     start_asked, r1
 
 ; The watchdog: 500 ms are longer than any step of the main loop, and shorter than a
-; person's patience. It resets, unless the UART is on: ATmegaBOOT leaves it on, and no
-; reset does. That bootloader does not stop a watchdog, which after its reset runs on at
-; 16 ms, so that each of its starts would end in the next reset. There the watchdog
-; interrupts (see the end). WDIF is cleared by a one.
+; person's patience. It resets, unless the bootloader does not stop a watchdog, which
+; after its reset runs on at 16 ms: each start of such a bootloader would end in the
+; next reset. There the watchdog interrupts (see the end). WDIF is cleared by a one.
     ldi     r25, _BV(WDE) | START_500_MS
-    lds     r24, UCSR0B
-    cpse    r24, r1
+    cpse    r23, r1
     ldi     r25, _BV(WDIF) | _BV(WDIE) | START_500_MS
 ; It can only be stopped once WDRF is cleared, by two writes within four cycles
 ; ("Watchdog Timer").

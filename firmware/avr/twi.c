@@ -4,7 +4,6 @@
 #include "twi.h"
 
 #include <avr/io.h>
-#include <stdbool.h>
 #include <util/delay.h>
 
 #include "../board.h"
@@ -22,25 +21,17 @@ void twi_init(void) {
     TWCR = _BV(TWEN);
 }
 
-static bool lines_are_high(void) {
-    const uint8_t lines = _BV(PIN_SDA) | _BV(PIN_SCL);
-    return (PINC & lines) == lines;
-}
-
 enum bus_result twi_abort(void) {
     TWCR = 0;
-    return lines_are_high() ? BUS_TIMEOUT : BUS_STUCK;
+    return pins_bus_is_high() ? BUS_TIMEOUT : BUS_STUCK;
 }
 
-_Static_assert(PIN_SCL == PIN_SDA + 1 && (int)BUS_SCL == 2 * (int)BUS_SDA,
-               "the lines are beside each other");
+_Static_assert((int)BUS_SDA == 1 && (int)BUS_SCL == 2, "as pins.h takes them");
 
-// A line is pulled low by being an output at 0, and let go by being an input, which all
-// other pins of this port are.
 uint8_t bus_lines(uint8_t pulled) {
-    DDRC = (uint8_t)(pulled << PIN_SDA);
+    pins_bus_pull(pulled);
     _delay_us(BUS_HALF_CLOCK_US);
-    return (PINC >> PIN_SDA) & BUS_BOTH;
+    return pins_bus_look() & BUS_BOTH;
 }
 
 // Takes 3 ms at most, 0.1 ms where nobody holds SCL.

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-BOARDS = {"imu_nano": "nano", "imu_f405": "f405"}
+BOARDS = {"imu_nano": "nano", "imu_mega": "mega", "imu_f405": "f405"}
 
 Import("env")  # type: ignore[name-defined]  # noqa: F821  SCons puts it there
 env: Any = globals()["env"]

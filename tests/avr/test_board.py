@@ -17,6 +17,7 @@ import pytest
 import bootloaders
 import images
 from bits.processors import PROCESSORS, command
+from length import choose
 from letters import FAILED_BURSTS, NACK, OK, STUCK, TIMEOUT, Board, Run
 
 POWER_ON, EXTERNAL, BROWN_OUT, WATCHDOG, SOFTWARE = "01", "02", "04", "08", "10"
@@ -25,12 +26,21 @@ POWER_ON, EXTERNAL, BROWN_OUT, WATCHDOG, SOFTWARE = "01", "02", "04", "08", "10"
 BOUND_US = 5000
 
 
+PROCESSOR = choose(everyday=["atmega328p"], long=["atmega328p", "atmega2560"])
+RAM = {"atmega328p": 2048, "atmega2560": 8192}
+
+
+@pytest.fixture(scope="module", params=PROCESSOR)
+def processor(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
 @pytest.fixture(scope="module")
-def program(root: Path) -> Path:
+def program(root: Path, processor: str) -> Path:
     core = {*(root / "firmware" / "core").rglob("*.c")}
     core.discard(root / "firmware" / "core" / "math" / "fixed_mul.c")
     return images.program(
-        *(*command(PROCESSORS["atmega328p"]), root / "tests" / "avr" / "board_test.c"),
+        *(*command(PROCESSORS[processor]), root / "tests" / "avr" / "board_test.c"),
         *sorted(core),
         *sorted((root / "firmware" / "generic").glob("*.c")),
         *sorted((root / "firmware" / "avr").glob("*.[cS]")),
@@ -100,37 +110,43 @@ def test_a_software_reset_is_told_from_the_watchdogs_and_takes_50_ms_at_most(
     assert run.numbers("read")[0][0] == OK
 
 
-def after_atmegaboot() -> tuple[str, ...]:
-    return bootloaders.options(bootloaders.ATMEGABOOT)
+@pytest.fixture
+def after_it(processor: str) -> tuple[str, ...]:
+    """Has a bootloader start the image, which does not stop a watchdog."""
+    return bootloaders.options(bootloaders.RUNS_ON[processor])
 
 
 @pytest.mark.parametrize("letter", ["H", "I"])
-def test_after_atmegaboot_the_image_ends_a_hang_and_an_interrupt_of_nobody_itself(
-    board: Board, letter: str
+def test_after_a_bootloader_that_runs_on_the_image_ends_a_hang_itself(
+    board: Board, letter: str, after_it: tuple[str, ...]
 ) -> None:
     sent = ((100, letter), (900, "r"), (1000, letter), (1900, "r"))
-    run = board(*sent, seconds=2.0, options=after_atmegaboot())
+    run = board(*sent, seconds=2.0, options=after_it)
     assert starts(run) == [POWER_ON, WATCHDOG, WATCHDOG]
     assert [result for result, *_ in run.numbers("read")] == [OK, OK]
     assert run.summary["resets"] == 0
 
 
-def test_after_atmegaboot_a_software_reset_starts_the_bootloader(board: Board) -> None:
+def test_after_one_that_runs_on_a_software_reset_starts_the_bootloader(
+    board: Board, after_it: tuple[str, ...]
+) -> None:
     sent = ((100, "R"), (2000, "r"), (2100, "H"), (2700, "r"))
-    run = board(*sent, seconds=3.0, options=after_atmegaboot())
+    run = board(*sent, seconds=3.0, options=after_it)
     assert starts(run) == [POWER_ON, SOFTWARE, WATCHDOG]
     assert [result for result, *_ in run.numbers("read")] == [OK, OK]
     assert run.summary["resets"] == 0
 
 
-def test_a_start_without_a_reset_finds_the_bus_whatever_was_on_it(board: Board) -> None:
+def test_a_start_without_a_reset_finds_the_bus_whatever_was_on_it(
+    board: Board, after_it: tuple[str, ...]
+) -> None:
     moments = [chr(ord("A") + i) for i in range(30)]  # a burst takes 0.6 ms
     sent = [
         (100 + 60 * i + after, letters)
         for i, moment in enumerate(moments)
         for after, letters in ((0, f"usJ{moment}"), (40, "ktrvr"))
     ]
-    run = board(*sent, seconds=2.0, options=after_atmegaboot())
+    run = board(*sent, seconds=2.0, options=after_it)
     assert starts(run) == [POWER_ON, *[WATCHDOG] * 30]
     # OCIE0A alone, of the board's own clock.
     assert run.numbers("masks") == [[2]] * 30
@@ -258,13 +274,15 @@ def test_the_clock_neither_stops_nor_jumps_where_its_timer_overflows(
     assert longest < 60
 
 
-def test_the_free_stack_agrees_with_the_emulators_own_count(board: Board) -> None:
+def test_the_free_stack_agrees_with_the_emulators_own_count(
+    board: Board, processor: str
+) -> None:
     run = board((100, "dd"), seconds=0.2)
     (before, after), (again, _) = run.numbers("stack")
     assert before - 300 <= after < before - 150
     assert again == after
     used = run.summary["ram"] + run.summary["stack_max"]
-    assert abs(2048 - used - after) <= 2
+    assert abs(RAM[processor] - used - after) <= 2
 
 
 def test_the_button_is_down_while_it_is_pressed(board: Board) -> None:

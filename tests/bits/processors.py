@@ -54,6 +54,11 @@ PROCESSORS = {
         ("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L"),
         *("avr", False, "nano", 64),
     ),
+    "atmega2560": Processor(
+        "mega",
+        ("avr-gcc", "-mmcu=atmega2560", "-DF_CPU=16000000L"),
+        *("avr", False, "nano", 64),
+    ),
     "cortex_m4": Processor(
         "stm32f405",
         (*ARM, *ARM_LINK, "-DF_CPU=168000000L"),

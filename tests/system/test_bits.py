@@ -29,7 +29,7 @@ pytestmark = pytest.mark.sampled(4)
 # `make bits` takes ten minutes of recordings.
 SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=8, long=62)))
 # As everywhere, the FPU, which images leave off, is for `make test-long`.
-NAMES = choose(everyday=[n for n in PROCESSORS if "fpu" not in n], long=[*PROCESSORS])
+NAMES = choose(everyday=["atmega328p", "cortex_m4"], long=[*PROCESSORS])
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "broad"
 
 # How long random params are in force.

@@ -105,13 +105,20 @@ PICO = dataclasses.replace(
     brown_out="power_on",  # which the chip tells from it no more
     options=("--wire", "uart"),  # which has all that is said before a host is there
 )
+MEGA = dataclasses.replace(
+    NANO,  # the same with more memory
+    name="mega",
+    flash=(256 - 8) * 1024,  # what the bootloader leaves
+    ram=8 * 1024,
+)
 BOARDS = {board.name: board for board in (NANO, F405)}
-# Its emulator is slower, and needs what `make demo` does not install.
-BOARDS |= choose(everyday={}, long={PICO.name: PICO})
+# Of the one the emulator is slower, and needs what `make demo` does not install; the
+# other is the Nano again.
+BOARDS |= choose(everyday={}, long={board.name: board for board in (PICO, MEGA)})
 
 # The F405 again, with the same sensor, running MicroPython.
 MICROPYTHON = dataclasses.replace(F405, name="micropython", stack=24 * 1024)
-ALL_BOARDS = BOARDS | {board.name: board for board in (MICROPYTHON, PICO)}
+ALL_BOARDS = BOARDS | {board.name: board for board in (MICROPYTHON, PICO, MEGA)}
 LONG = pytest.param(MICROPYTHON.name, marks=pytest.mark.long)
 NAMES = choose(everyday=[*BOARDS], long=[*BOARDS, LONG])
 every_board = pytest.mark.parametrize("stub", NAMES, indirect=True)

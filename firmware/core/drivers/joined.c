@@ -141,7 +141,7 @@ static bool is_no_reading(const uint8_t *bytes, uint8_t length) {
 
 // Takes three axes, from a chip's to the module's; true where one is beyond its range.
 static bool take(const uint8_t *bytes, const IN_FLASH struct joined_axes *from,
-                 const IN_FLASH int8_t axes[3], struct counts *out) {
+                 const IN_FLASH int8_t *axes, struct counts *out) {
     bool is_beyond = false;
     bytes += from->place - 2;
     for (uint8_t i = 0; i < 3; ++i) {
@@ -164,7 +164,8 @@ static void take_field(struct joined *joined, const uint8_t *bytes,
         return;
     }
     joined->mag_age = 0;
-    out->mag_overflow = take(bytes, &from->mag, joined->config->mag_axes, &out->mag);
+    out->mag_overflow =
+        take(bytes, &from->mag, &joined->config->mag_axes[0], &out->mag);
     out->has_mag = !out->mag_overflow;
     if (out->mag_overflow) {
         out->mag = (struct counts){0};
@@ -181,8 +182,8 @@ bool joined_parse(void *state, const uint8_t *bytes, uint32_t time_us,
         return false;
     }
     out->time_us = time_us;
-    out->acc_clipped = take(bytes, &from->acc, config->inertial_axes, &out->acc);
-    out->gyr_clipped = take(bytes, &from->gyr, config->inertial_axes, &out->gyr);
+    out->acc_clipped = take(bytes, &from->acc, &config->inertial_axes[0], &out->acc);
+    out->gyr_clipped = take(bytes, &from->gyr, &config->inertial_axes[0], &out->gyr);
     // Needs a factor below 1: within 2^15 of the zero.
     const int32_t warmth = (int32_t)part_word(bytes) * from->temperature_cdeg_q8;
     out->temperature_cdeg =

@@ -86,7 +86,7 @@ struct sensor_driver {
     const struct sensor_ready *ready;
     // The sensor that may be there in place of this one, where nobody answers; null:
     // none is.
-    const struct sensor_driver *or_else;
+    const IN_FLASH struct sensor_driver *or_else;
 #endif
 };
 

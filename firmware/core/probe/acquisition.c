@@ -58,12 +58,13 @@ static uint8_t bursts_of(const IN_FLASH struct sensor_driver *sensor) {
     return sensor->bursts_count;
 }
 #else
-static const struct sensor_driver *sensor_of(const struct acquisition *acquisition) {
+static const IN_FLASH struct sensor_driver *
+sensor_of(const struct acquisition *acquisition) {
     return acquisition->sensor;
 }
 
 // One of length 0 ends them.
-static uint8_t bursts_of(const struct sensor_driver *sensor) {
+static uint8_t bursts_of(const IN_FLASH struct sensor_driver *sensor) {
     uint8_t count = 0;
     while (count < sensor->bursts_count && sensor->bursts[count].length > 0) {
         ++count;
@@ -123,7 +124,7 @@ static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
 // Where nobody has answered, tries the sensor that may be there in its place; false
 // where that was the last one. No fault is told before.
 static bool tries_another(struct acquisition *acquisition) {
-    if (acquisition->is_found || acquisition->sensor->or_else == NULL) {
+    if (acquisition->is_found || !acquisition->sensor->or_else) {
         return false;
     }
     acquisition->sensor = acquisition->sensor->or_else;
@@ -133,9 +134,9 @@ static bool tries_another(struct acquisition *acquisition) {
 
 // Asks the sensor, and reads its sample; as take_reading() of a board with the wire.
 static enum reading_result ask(struct acquisition *acquisition, struct reading *out) {
-    const struct acquisition_port *port = acquisition->port;
-    const struct bus_device *bus = port->bus;
-    const struct sensor_driver *sensor = acquisition->sensor;
+    const IN_FLASH struct acquisition_port *port = acquisition->port;
+    const IN_FLASH struct bus_device *bus = port->bus;
+    const IN_FLASH struct sensor_driver *sensor = acquisition->sensor;
     const struct sensor_ready *ready = sensor->ready;
     const uint32_t begun_us = port->time_us();
     if (polled_wait_us(&acquisition->polled, begun_us) > 0) {

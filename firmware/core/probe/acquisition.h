@@ -51,7 +51,7 @@ struct acquisition {
     const IN_FLASH struct acquisition_port *port;
     struct probe *probe;
 #ifndef ACQUISITION_WIRED_ONLY
-    const struct sensor_driver *sensor;  // of the port's, that is tried or there
+    const IN_FLASH struct sensor_driver *sensor;  // of the port's, that is tried or there
     bool is_found;                       // it has been set up once: no other is tried
 #endif
     enum acquisition_phase phase;

@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0x8a833184u
-#define SCHEMA_SEED 0x3184u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xfb1df6edu
+#define SCHEMA_SEED 0xf6edu  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -51,6 +51,7 @@ enum board {
     BOARD_F405 = 2,
     BOARD_MICROPYTHON = 3,
     BOARD_PICO = 4,
+    BOARD_MEGA = 5,
 };
 
 enum sensor {

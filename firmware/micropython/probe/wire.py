@@ -8,14 +8,14 @@ Generated from schema.toml by protocol/generate.py.
 
 from micropython import const
 
-SEED = const(0x3184)  # of the CRC of all messages but hello
+SEED = const(0xF6ED)  # of the CRC of all messages but hello
 HELLO_SEED = const(0xFFFF)
 
 # protocol_version, schema_fingerprint, firmware, board, probe_id, sensor, who_am_i,
 # mag_adjust, self_test, sample_rate, pose_rate, raw_rate, acc_lsb, gyr_lsb, mag_lsb,
 # boot_count, reset_cause, filter, reset_address, params_digest, own_field, own_sigma
 HELLO = (
-    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\x84\x31\x83\x8a"
+    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\xed\xf6\x1d\xfb"
     b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00"
     b"\x00\x04\x00\x05\x00\x00\x00\x00\x00\x00\x00\x00\x06\x00\x07\x00"
     b"\x00\x08\x00\x00\x00\x09\x00\x0a\x00\x00\x0b\x00\x00\x0c\x00\x00"
@@ -257,6 +257,7 @@ BOARD_NANO = const(1)
 BOARD_F405 = const(2)
 BOARD_MICROPYTHON = const(3)
 BOARD_PICO = const(4)
+BOARD_MEGA = const(5)
 
 SAMPLE_MAG_OVERFLOW = const(1)
 SAMPLE_ACC_CLIPPED = const(2)

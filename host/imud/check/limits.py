@@ -24,10 +24,12 @@ SLOPE_MG = 35.0  # of a table that is off level by two degrees
 
 # Millivolts that are normal, and what is a fault, by board. The Nano measures its own
 # against a reference of 10 % (data sheet of the ATmega328P, 28.8), and 16 MHz need
-# 3.78 V (28.3). The Pico measures what feeds it, which its regulator takes from 1.8 to
-# 5.5 V (data sheet of the Pico, 4.5).
+# 3.78 V (28.3). A Mega needs 4.5 V (data sheet of the ATmega2560, "Speed Grades"),
+# which may read a tenth less. The Pico measures what feeds it, which its regulator
+# takes from 1.8 to 5.5 V (data sheet of the Pico, 4.5).
 SUPPLY_MV = {
     "nano": (4_300, 5_500, 3_780),
+    "mega": (4_500, 5_500, 4_050),
     "f405": (3_000, 3_600, 2_400),
     "pico": (2_300, 5_500, 1_800),
 }

@@ -10,11 +10,13 @@ from imud.check.rows import Row, RowVerdict, skipped
 
 PINS = {
     "nano": "between D3 and GND",
+    "mega": "between pin 3 and GND",
     "f405": "USR, or X17 to GND",
     "pico": "between GP15 and GND",
 }
 LED = {
     "nano": "the LED at D13",
+    "mega": "the LED marked L",
     "f405": "the blue LED",
     "pico": "the LED beside the USB socket",
 }

@@ -131,9 +131,10 @@ def clock_ppm(samples: Samples) -> tuple[float, float | None] | None:
 
 
 def _clock(evidence: Evidence, samples: Samples) -> Row:
-    is_nano = evidence.hello.get("board") == "nano"
+    # An Arduino has one or the other.
+    may_resonate = evidence.hello.get("board") in ("nano", "mega")
     normal = f"crystal {limits.CRYSTAL_PPM:g} ppm"
-    if is_nano:
+    if may_resonate:
         normal += f", ceramic resonator {limits.RESONATOR_PPM:g} ppm"
     spare = (evidence.equipment or {}).get("clock") == "spare"
     if spare or evidence.causes_of("clock_failed"):
@@ -150,10 +151,10 @@ def _clock(evidence: Evidence, samples: Samples) -> Row:
         return skipped("clock", normal, "no times of the host to compare with")
     ppm, bound = found
     doubt = bound or 0.0
-    good = limits.RESONATOR_PPM if is_nano else limits.CRYSTAL_PPM
+    good = limits.RESONATOR_PPM if may_resonate else limits.CRYSTAL_PPM
     verdict = graded(max(0.0, abs(ppm) - doubt), good, limits.CLOCK_FAULT_PPM)
     kind = ""
-    if verdict is RowVerdict.GOOD and is_nano:
+    if verdict is RowVerdict.GOOD and may_resonate:
         is_crystal = abs(ppm) + doubt <= limits.CRYSTAL_PPM
         kind = " (as a crystal)" if is_crystal else ""
         if abs(ppm) - doubt > limits.CRYSTAL_PPM:
@@ -210,6 +211,7 @@ def _boots(evidence: Evidence) -> Row:
         advice = "the firmware ended by a fault of its own: please report it, with this"
     else:
         advice = (
-            "somebody pressed reset, or a program opened the port (DTR resets a Nano)"
+            "somebody pressed reset, or a program opened the port, which resets an "
+            "Arduino (DTR)"
         )
     return Row("start", measured, normal, verdict, advice, {"restarts": restarts})

@@ -105,7 +105,7 @@ def _add_leg(boards: Commands) -> None:
     )
     parser.add_argument(
         "--board",
-        choices=("nano", "f405"),
+        choices=("nano", "f405", "mega"),
         default="nano",
         help="what each probe is (default: %(default)s)",
     )

@@ -19,7 +19,7 @@ OF_SENSOR = frozenset({"bus_fault", "sensor_fault"})
 
 @dataclass(frozen=True, slots=True)
 class _Wiring:
-    """How a board's sensor is connected: docs/nano.md, f405.md, pico.md."""
+    """How a board's sensor is connected: docs/nano.md, mega.md, f405.md, pico.md."""
 
     address: str
     lines: str  # to check if nobody answers
@@ -28,6 +28,7 @@ class _Wiring:
 
 _WIRING = {
     "nano": _Wiring("0x68", "power, SDA, SCL, AD0 to GND", "INT to D2"),
+    "mega": _Wiring("0x68", "power, SDA (20), SCL (21), AD0 to GND", "INT to 2"),
     "f405": _Wiring(
         "0x6B or 0x1D",
         "power, SDA (X10), SCL (X9), SDO_G and SDO_XM to 3.3 V",

@@ -56,6 +56,21 @@ NANO = VirtualBoard(
     files=("faults", "eeprom", "summary", "profile", "parts"),
     has_battery=False,
 )
+MEGA = VirtualBoard(
+    name="mega",
+    title="Mega",
+    what="an Arduino Mega 2560 with an MPU-9250",
+    sample_rate_hz=200,
+    memory="EEPROM",
+    image=Path(".pio/build/mega/firmware.elf"),
+    simulator=Path("build/sim/nano"),  # which looks at the image
+    packaged="mega.elf",
+    image_variable="IMUD_IMAGE_MEGA",
+    simulator_variable="IMUD_SIM",
+    files=NANO.files,
+    has_battery=False,
+    has_ready_wire=True,
+)
 F405 = VirtualBoard(
     name="f405",
     title="F405",
@@ -100,7 +115,7 @@ PICO = VirtualBoard(
     wires=("usb", "uart"),
     has_ready_wire=True,
 )
-BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO)}
+BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO, MEGA)}
 
 
 def find(

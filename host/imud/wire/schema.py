@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0x8A833184
-SEED = 0x3184  # of the CRC of all messages but hello
+FINGERPRINT = 0xFB1DF6ED
+SEED = 0xF6ED  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -22,6 +22,7 @@ class Board(IntEnum):
     F405 = 2
     MICROPYTHON = 3
     PICO = 4
+    MEGA = 5
 
 
 class Sensor(IntEnum):

@@ -198,7 +198,7 @@ def test_arguments_that_make_no_sense_are_usage_errors(
 def test_each_board_has_a_port_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/1000")
     links = [str(sim.default_link(board)) for board in boards.BOARDS.values()]
-    names = ("nano", "f405", "micropython", "pico")
+    names = ("nano", "f405", "micropython", "pico", "mega")
     assert links == [f"/run/user/1000/imud-{name}" for name in names]
 
 

@@ -43,7 +43,7 @@ def test_a_module_with_half_a_g_of_bias_reads_so(
     hand = ("--hand", "calibrate", "--seconds", 2.2)
     path = recorded(boards, board, tmp_path / "a.bin", "--module", bad, *hand)
     counts = np.mean([each["acc_counts"] for each in raw_of(path)[10:]], axis=0)
-    one_g = 2048.0 if board in ("nano", "pico") else 1366.1
+    one_g = 2048.0 if board in ("nano", "pico", "mega") else 1366.1
     assert counts / one_g == pytest.approx([0.5, -0.5, 1.0], abs=0.02)
     assert not any("acc_clipped" in each["flags"] for each in raw_of(path))
 

@@ -101,6 +101,12 @@ env.AddPlatformTarget(
     "Print the program's size",
 )
 UPLOADS = {
+    # Of a Mega's bootloader: STK500v2, and a reset by DTR.
+    "wiring": (
+        "avrdude -p $BOARD_MCU -c wiring -b $UPLOAD_SPEED -P $UPLOAD_PORT "
+        "-D -U flash:w:${SOURCES[0]}:i",
+        True,
+    ),
     "arduino": (
         "avrdude -p $BOARD_MCU -c arduino -b $UPLOAD_SPEED -P $UPLOAD_PORT "
         "-D -U flash:w:${SOURCES[0]}:i",
