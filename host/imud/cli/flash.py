@@ -13,7 +13,7 @@ from imud.commands import FILTERS
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
 
-BOARDS = ("nano", "f405", "pico")
+BOARDS = ("nano", "f405", "pico", "mega")
 
 
 def add(commands: Commands) -> None:

@@ -20,7 +20,7 @@ from imud.cli.flash_desk import FlashBar, FlashDesk
 from imud.cli.reached import NoProbeHere, Reached
 from imud.commands import LENT_MAX_S
 from imud.errors import CommandRefused, FlashError, ImudError, LinkError, ProbeUnknown
-from imud.flash import OnProgress, f405, firmware, nano, pico
+from imud.flash import OnProgress, f405, firmware, mega, nano, pico
 from imud.flash.errors import HalfWritten
 from imud.flash.firmware import ALL_FILTERS, BOARDS, Image
 from imud.ports.holders import holders_of
@@ -139,7 +139,7 @@ def _chosen(args: argparse.Namespace, kind: str, hello: dict[str, Any]) -> Image
         if args.filter is not None:
             raise FlashError("--filter chooses an image: leave it or --image out")
     else:
-        if kind in ("f405", "pico") and args.filter is not None:
+        if kind != "nano" and args.filter is not None:
             raise FlashError(
                 "this board has all filters; choose one with imud restart --filter "
                 f"{args.filter}"
@@ -277,12 +277,14 @@ def _writer(args: argparse.Namespace, kind: str) -> Write:
     """How a board of that kind is written."""
     if kind == "nano" and args.by is None:
         return _by_nano
+    if kind == "mega" and args.by is None:
+        return _by_mega
     if kind == "f405":
         is_dfu = args.by == "dfu" or (args.by is None and shutil.which("dfu-util"))
         return _by_dfu if is_dfu else _by_rom
     if kind == "pico" and args.by is None:
         return _by_drive
-    if kind in ("nano", "pico"):
+    if kind in ("nano", "mega", "pico"):
         raise FlashError("--by is for an F405; this board has one way: leave it out")
     raise FlashError(
         f"this is {BOARDS.get(kind, kind)}, which is not flashed by imud: "
@@ -292,6 +294,10 @@ def _writer(args: argparse.Namespace, kind: str) -> Write:
 
 def _by_nano(port: str, image: Image, on_progress: OnProgress) -> str:
     return f"{nano.flash(port, image.code, on_progress)} pages written and read back"
+
+
+def _by_mega(port: str, image: Image, on_progress: OnProgress) -> str:
+    return f"{mega.flash(port, image.code, on_progress)} pages written and read back"
 
 
 def _by_rom(port: str, image: Image, on_progress: OnProgress) -> str:

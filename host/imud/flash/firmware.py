@@ -30,15 +30,18 @@ ALL_FILTERS = "all"
 SIZE_MAX = 4_000_000  # bytes of a file: 1 MB of flash as text
 BOARDS = {
     "nano": "an Arduino Nano",
+    "mega": "an Arduino Mega 2560",
     "f405": "an STM32F405",
     "pico": "a Raspberry Pi Pico",
     "micropython": "a board with MicroPython",
 }
 
-# Where the images of an ATmega328P, an RP2040 and an STM32F405 begin, and the bytes
-# that they may have: the end of flash is settings (firmware/rp2040/flash.c: 64 KB of
-# it, firmware/stm32/stm32f405.ld: 256 KB).
+# Where the images of an ATmega328P, an ATmega2560, an RP2040 and an STM32F405 begin,
+# and the bytes that they may have: the end of flash is a bootloader, or settings
+# (firmware/rp2040/flash.c: 64 KB of it, firmware/stm32/stm32f405.ld: 256 KB).
 NANO_MAX = 0x7E00
+MEGA_MAX = 0x3E000
+MEGA_VECTORS = 57  # and a Nano has 26
 PICO_AT, PICO_MAX = 0x1000_0000, (2 << 20) - (64 << 10)
 F405_AT, F405_MAX = 0x0800_0000, 768 * 1024
 _F405_RAM = (range(0x2000_0000, 0x2002_0001), range(0x1000_0000, 0x1001_0001))
@@ -77,9 +80,11 @@ class Image:
     def board(self) -> str | None:
         """The board that it fits, by its bytes; None if it fits none of them."""
         low, high = min(self.code), max(self.code)
-        if low == 0 and high < NANO_MAX:
-            word = self._number(0, 2)  # AVR instruction set manual: RJMP or JMP
-            if word >> 12 == 0xC or word & 0xFE0E == 0x940C:
+        if low == 0 and all(map(self._has_jump, range(0, 4 * MEGA_VECTORS, 4))):
+            if high < MEGA_MAX:
+                return "mega"
+        elif low == 0 and high < NANO_MAX:
+            if self._has_jump(0):
                 return "nano"
         elif low == F405_AT and high < F405_AT + F405_MAX:
             # PM0214, "Vector table": the stack's first address, then the start, odd.
@@ -97,6 +102,10 @@ class Image:
         """
         low, high = min(self.code), max(self.code)
         return bytes(self.code.get(at, 0xFF) for at in range(low, high + 1))
+
+    def _has_jump(self, at: int) -> bool:
+        word = self._number(at, 2)  # AVR instruction set manual: RJMP or JMP
+        return word >> 12 == 0xC or word & 0xFE0E == 0x940C
 
     def _number(self, at: int, size: int) -> int:
         found = bytes(self.code.get(at + i, 0xFF) for i in range(size))
@@ -199,7 +208,7 @@ def _built(board: str, wanted: str) -> Path:
             raise FlashError(f"{path} is not built: make firmware BOARD=pico")
         checkout.refresh_image(path.with_suffix(".elf"))
         return path
-    environment = "stm32f405" if board == "f405" else "nano"
+    environment = "stm32f405" if board == "f405" else board
     if board == "nano" and wanted != "fuse":
         environment += f"_{wanted}"
     path = checkout.ROOT / ".pio" / "build" / environment / "firmware.hex"

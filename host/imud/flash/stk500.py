@@ -77,6 +77,9 @@ class Stk500:
         """Three bytes that name the chip: 1e 95 0f is an ATmega328P."""
         return self._ask("the signature", bytes((READ_SIGNATURE,)), 3)
 
+    def rewind(self) -> None:
+        """Pages are erased as they are written, in any order."""
+
     def read(self, address: int, size: int) -> bytes:
         self._load(address)
         command = bytes((READ_PAGE, size // 256, size % 256, FLASH))

@@ -16,6 +16,7 @@ from imud.flash import firmware
 
 NANO = bytes.fromhex("27c10000") + bytes(200)  # RJMP
 JUMPS = bytes.fromhex("0c942700") + bytes(200)  # JMP
+MEGA = 57 * bytes.fromhex("0c947200") + bytes(200)  # a Nano has 26 vectors
 # A stack in the CCM, then the start.
 F405 = bytes.fromhex("00200010 41010008") + bytes(0x200)
 
@@ -46,6 +47,9 @@ def manifest(path: Path, **changes: object) -> None:
     [
         (NANO, 0, "nano"),
         (JUMPS, 0, "nano"),
+        (26 * JUMPS[:4] + bytes(200), 0, "nano"),
+        (MEGA, 0, "mega"),
+        (MEGA + bytes(0x8000), 0, "mega"),
         (F405, 0x0800_0000, "f405"),
     ],
 )
@@ -64,6 +68,7 @@ def test_an_image_tells_its_board_by_its_bytes(
         (bytes(200), 0),  # no jump
         (NANO, 0x100),  # not at the start
         (NANO + bytes(0x7E00), 0),  # into the bootloader
+        (MEGA + bytes(0x3E000), 0),
         (F405, 0x0801_0000),
         (F405 + bytes(768 * 1024), 0x0800_0000),  # into the settings
         (bytes.fromhex("00200060 41010008") + bytes(512), 0x0800_0000),  # no such RAM

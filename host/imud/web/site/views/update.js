@@ -11,7 +11,7 @@ import { tell } from "../header.js";
 
 const ALL_FILTERS = "all";
 // An F405 needs a pin wired first, so it is for the shell.
-const BY_BUTTON = ["nano", "pico"];
+const BY_BUTTON = ["nano", "mega", "pico"];
 
 /**
  * 0.2.0+1234567 as [0, 2, 0]; what is no version is older than all.

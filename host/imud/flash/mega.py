@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: MIT
+"""Writes an image into an Arduino Mega 2560 by the bootloader that it was sold with."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+
+from imud.flash import OnProgress, pages, serial_port
+from imud.flash.stk500 import BootWire, NoBootloader
+from imud.flash.stk500v2 import Stk500v2
+
+FITTING = (bytes((0x1E, 0x98, 0x01)),)  # ATmega2560
+PAGE = 256  # bytes (ATmega2560, table 30-7)
+BAUD = 115_200
+TRIES = 3  # a busy machine may miss the second in which it listens
+BEGINS_AT = 0x3E000
+
+# Opens the port and resets the board by it.
+Reset = Callable[[], contextlib.AbstractContextManager[BootWire]]
+
+
+@contextlib.contextmanager
+def reached(reset: Reset) -> Iterator[Stk500v2]:
+    """The bootloader, once it answers."""
+    for _ in range(TRIES):
+        with reset() as wire:
+            bootloader = Stk500v2(wire)
+            try:
+                bootloader.sync()
+            except NoBootloader:
+                continue
+            yield bootloader
+            return
+    raise NoBootloader(
+        f"no bootloader answers at {BAUD} baud; is it an Arduino Mega 2560, and has it "
+        "one?"
+    )
+
+
+def flash(port: str, image: Mapping[int, int], on_progress: OnProgress) -> int:
+    """Writes an image to the Mega on a port, has it started, and returns how many pages
+    there were. FlashError with what to do if that did not end well.
+    """
+    with reached(lambda: serial_port.reset(port, BAUD)) as bootloader:
+        pages.check_chip(bootloader, FITTING)
+        count = write(bootloader, image, on_progress)
+        bootloader.leave()
+    return count
+
+
+def write(
+    bootloader: Stk500v2,
+    image: Mapping[int, int],
+    on_progress: OnProgress = lambda _done, _all: None,
+) -> int:
+    """As pages.write()."""
+    return pages.write(bootloader, BEGINS_AT, PAGE, image, on_progress)
