@@ -257,6 +257,13 @@ def _add_hardware(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
             type=Path,
             help=_FILES[name].format(memory=board.memory),
         )
+    if board.others:
+        parser.add_argument(
+            "--sensor",
+            choices=[each.name for each in board.others],
+            help="instead of its usual one: "
+            + "; ".join(f"{each.name}: {each.what}" for each in board.others),
+        )
     if board.wires:
         parser.add_argument(
             "--wire",
@@ -299,6 +306,8 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("--parts needs --profile")
     if args.probe and not args.motion:
         args.parser.error("--probe names one of --motion LOG")
+    if getattr(args, "sensor", None):
+        args.board = args.board.with_sensor(args.sensor)
     with contextlib.ExitStack() as stack:
         if args.motion:
             _take_motion(args, stack)
@@ -324,7 +333,10 @@ def _take_motion(args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
             simulator = board.find_simulator(args.simulator)
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             args.eeprom = folder / "memory.bin"
-            memory_with(image, simulator, found.records, args.eeprom, args.seed)
+            memory_with(
+                *(image, simulator, found.records, args.eeprom, args.seed),
+                sensor=board.sensor,
+            )
             params = "; its params are in force"
         else:
             params = f"; its params are those of a {found.board} and left out"

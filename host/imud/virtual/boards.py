@@ -5,11 +5,21 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from imud import checkout, packaged
 from imud.errors import FileError
+
+
+@dataclass(frozen=True, slots=True)
+class OtherSensor:
+    """A sensor that a virtual board can have instead of its usual one."""
+
+    name: str  # as its emulator calls it
+    what: str
+    sample_rate_hz: int
+    image: Path | None = None  # of its own; None: the board's finds it by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +40,14 @@ class VirtualBoard:
     has_battery: bool
     wires: tuple[str, ...] = ()  # of several ports, the one that the host has
     has_ready_wire: bool = False  # that can be left out
+    others: tuple[OtherSensor, ...] = ()
+    sensor: str = ""  # the one of `others` that it has; empty: its usual one
+
+    def with_sensor(self, name: str) -> VirtualBoard:
+        """The same board with the sensor of that name, one of `others`."""
+        other = next(each for each in self.others if each.name == name)
+        found = replace(self, sensor=name, sample_rate_hz=other.sample_rate_hz)
+        return replace(found, image=other.image, packaged="") if other.image else found
 
     def find_image(self, given: Path | None = None) -> Path:
         """The image to run; FileError if there is none."""
@@ -41,6 +59,9 @@ class VirtualBoard:
         package = (packaged.SIM, self.simulator.name)
         return find(given, self.simulator_variable, self.simulator, *package)
 
+
+LSM6DSOX = "lsm6dsox"
+PAIR = "an LSM6DSOX with a LIS3MDL (Adafruit 4517)"
 
 NANO = VirtualBoard(
     name="nano",
@@ -55,6 +76,9 @@ NANO = VirtualBoard(
     simulator_variable="IMUD_SIM",
     files=("faults", "eeprom", "summary", "profile", "parts"),
     has_battery=False,
+    others=(
+        OtherSensor(LSM6DSOX, PAIR, 208, Path(".pio/build/nano_lsm6dsox/firmware.elf")),
+    ),
 )
 MEGA = VirtualBoard(
     name="mega",
@@ -114,6 +138,7 @@ PICO = VirtualBoard(
     has_battery=False,
     wires=("usb", "uart"),
     has_ready_wire=True,
+    others=(OtherSensor(LSM6DSOX, PAIR, 208),),
 )
 BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO, MEGA)}
 

@@ -36,10 +36,16 @@ def orders_us(records: bytes) -> list[tuple[int, bytes]]:
 
 
 def memory_with(
-    image: Path, simulator: Path, records: bytes, path: Path, seed: int = 1
+    image: Path,
+    simulator: Path,
+    records: bytes,
+    path: Path,
+    seed: int = 1,
+    sensor: str = "",
 ) -> str:
     """Writes to `path` what a virtual board remembers once these are in force; returns
-    its id. FileError if the emulator fails.
+    its id. `sensor` is the emulator's word for another than its usual one. FileError if
+    the emulator fails.
     """
     orders = orders_us(records)
     seconds = orders[-1][0] * 1e-6 + SECONDS_AFTER
@@ -48,6 +54,7 @@ def memory_with(
         words: list[str | Path] = [simulator, "--image", image, "--eeprom", path]
         words += ["--record", record, "--fast", "--seed", str(seed)]
         words += ["--seconds", str(seconds)]
+        words += ["--sensor", sensor] if sensor else []
         for at_us, frame in orders:
             words += ["--send", f"{at_us}:{frame.hex()}"]
         done = subprocess.run(

@@ -104,6 +104,8 @@ def command_line(args: argparse.Namespace, link: Path) -> list[str]:
         value = getattr(args, name.replace("-", "_"), None)
         if value is not None:
             words += [f"--{name}", str(value)]
+    if board.sensor:
+        words += ["--sensor", board.sensor]
     if args.fast:
         words.append("--fast")
     for span_us in presses_of(args):
