@@ -83,6 +83,11 @@ def test_the_lag_that_each_magnetometer_starts_from(kind, lag_s):
     assert lag_q35 / 2**35 == pytest.approx(lag_s, abs=1e-6)
 
 
+@pytest.mark.parametrize("kind", [lib.SENSOR_NONE, lib.SENSOR_LSM6DSOX + 1, 255])
+def test_the_delays_of_a_kind_without_a_driver_are_not_known(kind):
+    assert not lib.delays_of_kind(desk.identity_of(kind=kind))
+
+
 def test_the_first_pose_knows_nothing_and_says_so():
     tracker = Tracker()
     poses, _ = tracker.feel(felt(at_rest(0.005)).samples(MPU9250))

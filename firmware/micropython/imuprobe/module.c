@@ -132,29 +132,6 @@ static mp_obj_t make_new(const mp_obj_type_t *type, size_t n_args, size_t n_kw,
 
 // Its sensor
 
-static void use_lsm9ds0(struct imuprobe *self, uint8_t gyr_address, uint8_t xm_address,
-                        bool is_fast) {
-    self->chip.lsm9ds0 = (struct lsm9ds0){
-        .config = {.gyr_address = gyr_address != 0 ? gyr_address : LSM9DS0_GYR_ADDRESS,
-                   .xm_address = xm_address != 0 ? xm_address : LSM9DS0_XM_ADDRESS,
-                   .is_fast = is_fast},
-    };
-    const struct sensor_driver driver = LSM9DS0_DRIVER(&self->chip.lsm9ds0);
-    imuprobe_use_driver(self, &driver);
-}
-
-static void use_mpu9250(struct imuprobe *self) {
-    self->chip.mpu9250 = (struct mpu9250){0};
-    const struct sensor_driver driver = MPU9250_DRIVER(&self->chip.mpu9250);
-    imuprobe_use_driver(self, &driver);
-}
-
-static void use_lsm6dsox(struct imuprobe *self) {
-    self->chip.joined = (struct joined){.config = &adafruit_4517};
-    const struct sensor_driver driver = JOINED_DRIVER(&self->chip.joined, joined_begin);
-    imuprobe_use_driver(self, &driver);
-}
-
 // attach(kind, i2c, ready, recover=None, *, gyr=0x6B, xm=0x1D, fast=False): core's own
 // driver, over an I2C object and a data-ready pin whose interrupt calls edge(); with
 // None in its place the sensor is asked.
@@ -188,12 +165,12 @@ static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
     self->ready = args[ARG_READY].u_obj;
     self->recover = args[ARG_RECOVER].u_obj;
     if (kind == SENSOR_MPU9250) {
-        use_mpu9250(self);
+        imuprobe_use_mpu9250(self);
     } else if (kind == SENSOR_LSM6DSOX) {
-        use_lsm6dsox(self);
+        imuprobe_use_lsm6dsox(self);
     } else {
-        use_lsm9ds0(self, (uint8_t)args[ARG_GYR].u_int, (uint8_t)args[ARG_XM].u_int,
-                    args[ARG_FAST].u_bool);
+        imuprobe_use_lsm9ds0(self, (uint8_t)args[ARG_GYR].u_int,
+                             (uint8_t)args[ARG_XM].u_int, args[ARG_FAST].u_bool);
     }
     acquisition_begin(&self->acquisition, &self->acquisition_port, &self->probe);
     leave(self);

@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "core/drivers/joined.h"
+#include "core/drivers/adafruit_4517.h"
 #include "core/drivers/lsm9ds0.h"
 #include "core/drivers/mpu9250.h"
 #include "core/probe/acquisition.h"
@@ -82,8 +82,12 @@ extern struct imuprobe *imuprobe_current;
 void imuprobe_ports_init(struct imuprobe *self, uint16_t room);
 // Has the probe tell its battery from now on.
 void imuprobe_use_battery(struct imuprobe *self);
-// Chooses the driver, with all of its struct zeroed but a configuration.
-void imuprobe_use_driver(struct imuprobe *self, const struct sensor_driver *driver);
+// Chooses the driver, with all of its struct zeroed but a configuration. An address of
+// 0 is the usual one.
+void imuprobe_use_lsm9ds0(struct imuprobe *self, uint8_t gyr_address,
+                          uint8_t xm_address, bool is_fast);
+void imuprobe_use_mpu9250(struct imuprobe *self);
+void imuprobe_use_lsm6dsox(struct imuprobe *self);  // with its LIS3MDL
 
 // Calls a method, whose name, object and arguments are `call`; NULL where it raised an
 // exception: *error is the number of an OSError, and of another exception 0, which is

@@ -246,8 +246,27 @@ static uint32_t time_us(void) {
     return (uint32_t)mp_hal_ticks_us();
 }
 
-void imuprobe_use_driver(struct imuprobe *self, const struct sensor_driver *driver) {
-    self->driver = *driver;
+void imuprobe_use_lsm9ds0(struct imuprobe *self, uint8_t gyr_address,
+                          uint8_t xm_address, bool is_fast) {
+    self->chip.lsm9ds0 = (struct lsm9ds0){
+        .config = {.gyr_address = gyr_address != 0 ? gyr_address : LSM9DS0_GYR_ADDRESS,
+                   .xm_address = xm_address != 0 ? xm_address : LSM9DS0_XM_ADDRESS,
+                   .is_fast = is_fast},
+    };
+    const struct sensor_driver driver = LSM9DS0_DRIVER(&self->chip.lsm9ds0);
+    self->driver = driver;
+}
+
+void imuprobe_use_mpu9250(struct imuprobe *self) {
+    self->chip.mpu9250 = (struct mpu9250){0};
+    const struct sensor_driver driver = MPU9250_DRIVER(&self->chip.mpu9250);
+    self->driver = driver;
+}
+
+void imuprobe_use_lsm6dsox(struct imuprobe *self) {
+    self->chip.joined = (struct joined){.config = &adafruit_4517};
+    const struct sensor_driver driver = JOINED_DRIVER(&self->chip.joined, joined_begin);
+    self->driver = driver;
 }
 
 void imuprobe_ports_init(struct imuprobe *self, uint16_t room) {
