@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Rests and paths of made feet that stroll, walk, jog, run and sprint in curves:
-docs/limb.md. Seeds for tuning and for judging are kept apart.
+"""Rests and paths of made feet that stroll, walk, jog, run and sprint in curves, with a
+compass and without: docs/limb.md. Seeds for tuning and for judging are kept apart.
 
 example: python -m benchmarks.limb.feet --sets judging --feet 4
 """
@@ -17,16 +17,46 @@ import numpy as np
 from benchmarks.common.options import parser_of
 from benchmarks.common.paths import RESULTS
 from benchmarks.limb import made_gait
-from benchmarks.limb.made_gait import GAITS, Gait, Walk
-from imud.body import contact, fused
+from benchmarks.limb.made_gait import (
+    BARE,
+    GAITS,
+    NARROW,
+    ROOM_RUN,
+    USUAL_SENSOR,
+    Gait,
+    Sensor,
+    Walk,
+)
+from imud import rotation
+from imud.body import contact, fused, heading
 from imud.body.contact import FootPath
+from imud.body.tracks import Track
 from imud.progress import Progress
+from imud.rotation import FloatArray
 
 OUTPUT = RESULTS / "limb_feet.json"
 SETS = {"tuning": range(5), "judging": range(400, 412)}
 STRIDES = 30
-HEAD = "gait        rests  false  off at the end, worst  inside  true, stated: m"
 SIGMAS = 1.96
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What a foot does, and the probe on it."""
+
+    strides: Sequence[Gait]
+    sensor: Sensor
+
+
+CASES = {name: Case([gait] * STRIDES, USUAL_SENSOR) for name, gait in GAITS.items()} | {
+    "walk, bare": Case([GAITS["walk"]] * STRIDES, BARE),
+    "jog, bare": Case([GAITS["jog"]] * STRIDES, BARE),
+    "run, bare": Case([GAITS["run"]] * STRIDES, BARE),
+    "in a room": Case([ROOM_RUN] * STRIDES, BARE),
+    "mixed, bare": Case(made_gait.mixed(), BARE),
+    "sprint, bare": Case([GAITS["sprint"]] * STRIDES, BARE),
+    "run, narrow": Case([GAITS["run"]] * STRIDES, NARROW),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,19 +75,25 @@ class Score:
 
 
 def measure(gait: Gait, seed: int, strides: int = STRIDES) -> Score:
-    walk = made_gait.made(gait, strides, seed)
-    return score(walk, path_of(walk))
+    return measure_case(Case([gait] * strides, USUAL_SENSOR), seed)
 
 
-def path_of(walk: Walk) -> FootPath:
-    """What imud makes of the samples, as `imud export --body` does."""
-    return contact.path(fused.attitudes(walk.times_s, walk.gyr, walk.acc, walk.mag))
+def measure_case(case: Case, seed: int) -> Score:
+    return score(made_gait.of_strides(case.strides, seed, case.sensor))
 
 
-def score(walk: Walk, found: FootPath) -> Score:
+def track_of(walk: Walk) -> Track:
+    """The poses that imud makes of the samples, as `imud export --body` does."""
+    return fused.attitudes(walk.times_s, walk.gyr, walk.acc, walk.mag)
+
+
+def score(walk: Walk) -> Score:
+    """Without a compass, the truth is turned to the heading of the path's start."""
+    track = track_of(walk)
+    found = contact.path(track)
     spans = [(found.times_s[a], found.times_s[b]) for a, b in found.rests]
     meets = [[b < end and e > begin for b, e in spans] for begin, end in walk.contacts]
-    truth = walk.place - walk.place[found.rests[0][0]]
+    truth = true_path(walk, found, track)
     last = found.rests[-1][0]
     at = [int(np.searchsorted(walk.times_s, begin)) for begin, _ in walk.contacts]
     way = np.linalg.norm(np.diff(walk.place[at], axis=0), axis=1).sum()
@@ -75,6 +111,17 @@ def score(walk: Walk, found: FootPath) -> Score:
     )
 
 
+def true_path(walk: Walk, found: FootPath, track: Track) -> FloatArray:
+    """Where the foot is, m, from its first rest, in the world of the path."""
+    truth = np.asarray(walk.place - walk.place[found.rests[0][0]])
+    if np.isfinite(walk.mag).any():
+        return truth
+    row = found.rests[0][1]
+    off = rotation.multiply(track.quat[row], rotation.inverse(walk.quat[row]))
+    turn = np.array(2.0 * np.arctan2(off[3], off[0]))
+    return np.asarray(rotation.rotate(heading.about_up(turn), truth))
+
+
 def line_of(name: str, scores: Sequence[Score]) -> str:
     share = sum(each.found for each in scores) / sum(each.rests for each in scores)
     off = [each.off for each in scores]
@@ -83,7 +130,7 @@ def line_of(name: str, scores: Sequence[Score]) -> str:
         for key in ("true_m", "stated_m")
     )
     return (
-        f"{name:10} {100 * share:6.1f} % {sum(each.false for each in scores):5} "
+        f"{name:12} {100 * share:6.1f} % {sum(each.false for each in scores):5} "
         f"{100 * float(np.mean(off)):6.2f} % {100 * max(off):6.2f} % "
         f"{100 * float(np.mean([each.inside for each in scores])):6.1f} % "
         f"{true:6.2f} {stated:6.2f}"
@@ -97,15 +144,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     report = {}
     for name in args.sets:
         seeds = SETS[name][: args.feet]
-        progress = Progress(f"{len(seeds)} feet", len(seeds) * len(GAITS))
-        print(f"{name}: {len(seeds)} feet of {STRIDES} strides")
-        print(
-            "gait        rests   false   off at the end, worst   inside   m: true, said"
-        )
-        for label, gait in GAITS.items():
+        progress = Progress(f"{len(seeds)} feet", len(seeds) * len(CASES))
+        print(f"{name}: {len(seeds)} feet a line")
+        print("gait          rests   false   off: mean, worst   inside   m: true, said")
+        for label, case in CASES.items():
             scores = []
             for seed in seeds:
-                scores.append(measure(gait, seed))
+                scores.append(measure_case(case, seed))
                 progress.advance()
             progress.wipe()
             print(line_of(label, scores))

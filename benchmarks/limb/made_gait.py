@@ -8,6 +8,7 @@ while it carries, and what it feels goes beyond the sensor's range.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +22,12 @@ from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.sensors import World
 
 SENSOR_HZ = 200.0
-RANGE_RAD_S, RANGE_M_S2 = math.radians(2000.0), 16.0 * GRAVITY_M_S2
+# What a force adds to the rate, an element's rms: over three axes 0.1 deg/s a g, which
+# is usual for MEMS.
+RATE_BY_FORCE = math.radians(0.06) / GRAVITY_M_S2
 SOLE_S = 0.004  # in which a foot is stopped, one sigma
 SHAKE_M, SHAKE_HZ, SHAKE_S = 0.001, 40.0, 0.02
 TWIST_RAD, TWIST_HZ, TWIST_S = 0.009, 25.0, 0.03
-STAND_S = 8.0
 SLAP_S = 0.03  # from heel or toe to the whole foot
 HELD = 0.5  # of the rise, in which the toe still stands
 
@@ -43,6 +45,7 @@ class Gait:
     toe_rad: float = math.radians(18.0)  # at which it meets the ground
     clearance_m: float = 0.08
     impact_m_s: float = 0.8
+    turns_rad: float = 0.1  # what is new in the turn of each stride, one sigma
 
 
 GAITS = {
@@ -53,6 +56,29 @@ GAITS = {
     "run": Gait(0.7, 2.6, 0.1, 0.6, 0.13, math.radians(-75.0), clearance_m=0.3),
     "sprint": Gait(0.56, 3.2, 0.1, 0.8, 0.11, math.radians(-85.0), clearance_m=0.35),
 }
+
+
+# In a room of some metres: a runner turns about after a few strides.
+ROOM_RUN = Gait(0.66, 1.6, 0.11, 0.6, 0.13, math.radians(-75.0), turns_rad=0.5)
+# Speeds up and down within one walk: so many strides of each.
+MIXED = (("walk", 4), ("jog", 4), ("run", 5), ("sprint", 5), ("run", 4), ("walk", 3))
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """The probe, and how long it stands at the beginning and the end."""
+
+    has_compass: bool = True
+    range_rad_s: float = math.radians(2000.0)
+    range_m_s2: float = 16.0 * GRAVITY_M_S2
+    stand_s: float = 8.0
+
+
+USUAL_SENSOR = Sensor()
+# As a foot on which recordings with optical truth are made: no compass, little rest.
+BARE = Sensor(has_compass=False, stand_s=2.0)
+# Its ranges end below what a runner's foot turns and feels.
+NARROW = Sensor(False, math.radians(900.0), 8.0 * GRAVITY_M_S2, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +96,20 @@ class Walk:
     contacts: tuple[tuple[float, float], ...]
 
 
-def made(gait: Gait, strides: int, seed: int) -> Walk:
+def mixed() -> list[Gait]:
+    """From walking to sprinting and back."""
+    return [GAITS[name] for name, count in MIXED for _ in range(count)]
+
+
+def made(gait: Gait, strides: int, seed: int, sensor: Sensor = USUAL_SENSOR) -> Walk:
     """It stands, walks so many strides, and stands."""
+    return of_strides([gait] * strides, seed, sensor)
+
+
+def of_strides(gaits: Sequence[Gait], seed: int, sensor: Sensor) -> Walk:
+    """It stands, takes these strides, and stands."""
     random = np.random.default_rng([seed, 0xF007])
-    toe, pitch, yaw, contacts = _course(gait, strides, random)
+    toe, pitch, yaw, contacts = _course(gaits, sensor.stand_s, random)
     count = len(pitch)
     shaken_m, twisted = _shaken(contacts, count, random)
     pitch = _soft(pitch[:, None])[:, 0]
@@ -90,10 +126,11 @@ def made(gait: Gait, strides: int, seed: int) -> Walk:
     axis = random.standard_normal(3)
     askew = rotation.from_rotation_vector(axis / np.linalg.norm(axis) * 0.5)
     probe = rotation.multiply(segment, rotation.multiply(askew, USUAL))
-    stands = round(STAND_S * RATE_HZ)
+    stands = round(sensor.stand_s * RATE_HZ)
     moving = np.ones(count, bool)
     moving[:stands] = moving[-stands:] = False
     seen = felt(probe, place, World(), moving, random)
+    felt_too = seen.acc @ random.normal(0.0, RATE_BY_FORCE, (3, 3))
     every = round(RATE_HZ / SENSOR_HZ)
     rows = slice(every, count - every, every)
 
@@ -104,10 +141,12 @@ def made(gait: Gait, strides: int, seed: int) -> Walk:
 
     mag = seen.mag[rows].copy()
     mag[np.arange(len(mag)) % 2 == 1] = np.nan
+    if not sensor.has_compass:
+        mag[:] = np.nan
     return Walk(
         np.arange(count)[rows] / RATE_HZ,
-        sampled(seen.gyr, RANGE_RAD_S),
-        sampled(seen.acc, RANGE_M_S2),
+        sampled(seen.gyr + felt_too, sensor.range_rad_s),
+        sampled(seen.acc, sensor.range_m_s2),
         mag,
         place[rows],
         probe[rows],
@@ -116,20 +155,20 @@ def made(gait: Gait, strides: int, seed: int) -> Walk:
 
 
 def _course(
-    gait: Gait, strides: int, random: np.random.Generator
+    gaits: Sequence[Gait], stand_s: float, random: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[tuple[float, float]]]:
     """Toe, pitch, yaw at RATE_HZ, and the contacts."""
     here, facing = np.zeros(3), float(random.uniform(-math.pi, math.pi))
-    stands = round(STAND_S * RATE_HZ)
+    stands = round(stand_s * RATE_HZ)
     toes = [np.zeros((stands, 3))]
     pitches, yaws = [np.zeros(stands)], [np.full(stands, facing)]
-    contacts = [(0.0, STAND_S)]
-    at_s, lean, turning = STAND_S, 0.0, 0.0
-    for index in range(strides):
-        slow = 0.6 if index in (0, strides - 1) else 1.0  # speeds up, and down
+    contacts = [(0.0, stand_s)]
+    at_s, lean, turning = stand_s, 0.0, 0.0
+    for index, gait in enumerate(gaits):
+        slow = 0.6 if index in (0, len(gaits) - 1) else 1.0  # speeds up, and down
         length = slow * gait.stride_m * random.normal(1.0, 0.05)
         seconds = gait.stride_s * random.normal(1.0, 0.03)
-        turning = 0.8 * turning + random.normal(0.0, 0.1)
+        turning = 0.8 * turning + random.normal(0.0, gait.turns_rad)
         to = facing + turning
         ahead = np.array([math.cos(to), math.sin(to), random.normal(0.0, 0.01)])
         there = here + length * ahead
@@ -154,8 +193,8 @@ def _course(
         yaws += [np.full(held, facing), facing + (to - facing) * STEP(u)]
         at_s += (held + len(u)) / RATE_HZ
         # It slaps down, and rolls on while it carries.
-        is_last = index == strides - 1
-        stood_s = STAND_S if is_last else gait.contact_s * random.normal(1.0, 0.05)
+        is_last = index == len(gaits) - 1
+        stood_s = stand_s if is_last else gait.contact_s * random.normal(1.0, 0.05)
         slap = np.arange(round(SLAP_S * RATE_HZ)) / (SLAP_S * RATE_HZ)
         stood = np.arange(round(stood_s * RATE_HZ)) / RATE_HZ
         roll = 0.0 if is_last else gait.roll_rad_s * random.uniform(0.5, 1.5)

@@ -13,18 +13,32 @@ import numpy as np
 
 from imud import rotation
 from imud.body import level
-from imud.body.stance import StanceDetector
+from imud.body.stance import (
+    FORCE_RANGE_M_S2,
+    RATE_RANGE_RAD_S,
+    StanceDetector,
+    clipped,
+)
 from imud.body.tracks import BoolArray, Track
-from imud.body.zero_velocity import SAME_S, Step, ZeroVelocity, smoothed
+from imud.body.zero_velocity import (
+    FAR_STANDING,
+    NONE,
+    SAME_S,
+    Clipped,
+    Step,
+    ZeroVelocity,
+    smoothed,
+)
 from imud.rotation import FloatArray
 
 REST_S = 0.02  # of less, so many seconds make a rest
 SWING_S = 0.15  # a shorter pause between rests is none
-# So calm for so long, and it stands, whatever its speed seems; at first for longer.
-SURE, SURE_S, FIRST_S = 1.0, 0.15, 0.4
+# So calm for so long, and it stands, although its speed seems some sigmas off; and for
+# so long, whatever that seems: a foot in the air is so calm for 0.3 s at most.
+SURE, SURE_S, SURELY_S, FIRST_S = 1.0, 0.15, 0.5, 0.4
+STILL_S = 1.0  # of it show the bias of the rates
 GAP_S = 0.1  # without samples, and nobody knows where it is
 TURNS_RAD_S = math.radians(0.05)  # a heading drifts by so much while it is carried on
-RATE_RANGE_RAD_S, FORCE_RANGE_M_S2 = math.radians(240.0), 19.0  # the least there is
 MISSED_S = 1.2  # without a rest, and one was missed by who ever runs
 LONG_S = 3.0  # without a rest its place is hardly known
 # What a foot that stands is pushed by, it also moves by: m/s for a root of an energy.
@@ -61,6 +75,7 @@ class Walker:
         self.is_down = False
         self.landed: FloatArray | None = None  # what the first moment of a rest showed
         self._calm_s = self._sure_s = self._same_m = 0.0
+        self._still_s, self._turned = 0.0, np.zeros(3)
         self._faced_s = self._stood_s = -math.inf
 
     def update(
@@ -69,8 +84,7 @@ class Walker:
         step_s: float,
         measured: tuple[FloatArray, FloatArray],
         pose: Pose,
-        *,
-        is_clipped: bool = False,
+        clipped: Clipped = NONE,
     ) -> Step | None:
         """A sample, `step_s` after the last: rates in rad/s and forces in m/s2 of the
         probe. Returns the step of the place's filter, once it has begun.
@@ -84,9 +98,8 @@ class Walker:
         quat, tilt, heading = pose
         step = None
         if self.filter is not None:
-            if self._sure_s >= SURE_S:
-                self.filter.weigh(acc, step_s)
-            step = self.filter.advance(step_s, gyr, acc, is_clipped=is_clipped)
+            step = self.filter.advance(step_s, gyr, acc, clipped)
+            self._weigh(self.filter, step_s, gyr)
         elif self._sure_s >= FIRST_S and np.isfinite(quat).all():
             known = heading if math.isfinite(heading) else 0.0
             self.filter = ZeroVelocity(quat, tilt, known)
@@ -96,6 +109,17 @@ class Walker:
         elif self.filter is not None:
             self._stand(self.filter, time_s, gyr, pose)
         return step
+
+    def _weigh(self, filter_: ZeroVelocity, step_s: float, gyr: FloatArray) -> None:
+        """A sample of a foot that may stand: a second of them shows the rates' bias."""
+        if self._sure_s < SURE_S:
+            self._still_s, self._turned = 0.0, np.zeros(3)
+            return
+        self._still_s += step_s
+        self._turned = self._turned + gyr * step_s
+        if self._still_s >= STILL_S:
+            filter_.still(self._turned / self._still_s)
+            self._still_s, self._turned = 0.0, np.zeros(3)
 
     def _stand(
         self,
@@ -111,8 +135,12 @@ class Walker:
             return
         # What glides off from a rest, and feels no more than one that stands, is not
         # sure of it either.
-        is_sure = is_new and (self._sure_s >= SURE_S or self._is_due(time_s, sigma))
-        if not filter_.agrees(gyr, sigma, is_new=is_new, must=is_sure):
+        must = 0.0
+        if is_new and (self._sure_s >= SURELY_S or self._is_due(time_s, sigma)):
+            must = math.inf
+        elif is_new and self._sure_s >= SURE_S:
+            must = FAR_STANDING
+        if not filter_.agrees(gyr, sigma, is_new=is_new, must=must):
             self.is_down = False
             if not is_new:
                 self._sure_s = 0.0
@@ -216,9 +244,8 @@ class _Path:
         steps_s = np.diff(track.times_s, prepend=track.times_s[0])
         both = np.concatenate([track.gyr, self._acc], axis=1)
         is_whole: BoolArray = np.asarray(np.isfinite(both).all(axis=1))
-        is_clipped = np.logical_or(
-            clipped(track.gyr, RATE_RANGE_RAD_S), clipped(self._acc, FORCE_RANGE_M_S2)
-        )
+        rates = clipped(track.gyr, RATE_RANGE_RAD_S).tolist()
+        forces = clipped(self._acc, FORCE_RANGE_M_S2).tolist()
         walker, missing_s = Walker(), 0.0
         for row, time_s in enumerate(track.times_s.tolist()):
             missing_s += float(steps_s[row])
@@ -236,7 +263,7 @@ class _Path:
                     float(track.tilt_sigma[row]),
                     float(track.heading_sigma[row]),
                 ),
-                is_clipped=bool(is_clipped[row]),
+                Clipped(rates[row], forces[row]),
             )
             missing_s = 0.0
             self._keep(row, walker, step)
@@ -317,13 +344,3 @@ def faced(track: Track) -> Track:
     quat[:first] = rotation.multiply(back, turns[:-1])
     sigma[:first] = sigma[first]
     return replace(track, quat=quat, heading_sigma=sigma)
-
-
-def clipped(values: FloatArray, least: float) -> BoolArray:
-    """Rows of (n, 3) at the end of the range, which is the largest value if that comes
-    again and again; no sensor's range ends below `least`.
-    """
-    largest = np.abs(values).max(axis=1)
-    most = float(np.nanmax(largest))
-    at_end = np.asarray(largest >= most * (1.0 - 1e-4))
-    return at_end & (most > least and int(at_end.sum()) > 2)

@@ -12,6 +12,7 @@ from collections import deque
 
 import numpy as np
 
+from imud.body.tracks import BoolArray
 from imud.calibration.recording import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
@@ -23,6 +24,7 @@ WINDOW_S = 0.025
 CALM = 4.0
 SHARE = 0.05
 GAIT_S = 1.5
+RATE_RANGE_RAD_S, FORCE_RANGE_M_S2 = math.radians(240.0), 19.0  # the least there is
 
 
 class StanceDetector:
@@ -48,3 +50,14 @@ class StanceDetector:
         self.energy = off + TURN_M_S2**2 * turns
         self._gait += (self.energy - self._gait) * min(1.0, step_s / GAIT_S)
         self.is_calm = self.energy < max(CALM, SHARE * self._gait)
+
+
+def clipped(values: FloatArray, least: float) -> BoolArray:
+    """Rows of (n, 3) with an axis at the end of its range, which is the largest value
+    if that comes again and again; no sensor's range ends below `least`.
+    """
+    size = np.abs(values)
+    most = np.nanmax(size, axis=0)
+    at_end = np.asarray(size >= most * (1.0 - 1e-4))
+    is_range = (most > least) & (at_end.sum(axis=0) > 2)
+    return np.asarray((at_end & is_range).any(axis=1))

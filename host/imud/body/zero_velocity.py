@@ -4,8 +4,9 @@ the foot stands its speed is zero, which corrects place, speed, attitude and the
 gyroscope's bias together (E. Foxlin, IEEE Computer Graphics 25(6):38, 2005).
 
 The states of the error, in this order: place, m; speed, m/s; attitude, rad, all in the
-world's axes; bias of the rates, rad/s, and the probe's place from where the foot
-touches the ground, m, in the probe's.
+world's axes; bias of the rates, rad/s, the probe's place from where the foot touches
+the ground, m, bias of the forces, m/s2, and what the gyroscope's scales and axes are
+off by, shares, column by column: all in the probe's.
 """
 
 from __future__ import annotations
@@ -20,22 +21,32 @@ from imud.calibration.algebra import skew
 from imud.calibration.recording import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
-PLACE, SPEED, ATTITUDE, BIAS, LEVER = (slice(3 * at, 3 * at + 3) for at in range(5))
-STATES = 15
+PLACE, SPEED, ATTITUDE, BIAS, LEVER, PUSH = (
+    slice(3 * at, 3 * at + 3) for at in range(6)
+)
+SCALE = slice(18, 27)
+STATES = 27
 
 # One-sigma errors at the beginning.
 SPEED_SIGMA_M_S = 0.02
 BIAS_SIGMA_RAD_S = math.radians(0.3)
 LEVER_SIGMA_M = 0.08
+# Of a calibrated accelerometer, some mg, and what gravity differs from place to place.
+PUSH_SIGMA_M_S2 = 0.05
+SCALE_SIGMA = 0.005  # a share, of a calibrated gyroscope
 # Noise: of forces and rates as such, m/s2 and rad/s over a root of Hz, and the share of
 # what is felt that scale, cross-axis and the samples' distance in time make of it.
 FORCE_NOISE, RATE_NOISE = 0.02, math.radians(0.02)
 FORCE_SHARE, RATE_SHARE = 0.006, 0.002
-BIAS_WANDER = math.radians(0.01)
-WEIGH_S = 0.3  # in which gravity is weighed
+# What a force adds to the rate: 0.1 deg/s a g, as data sheets of MEMS say, over three
+# axes. The mean of a gait over MEAN_S is not that of standing.
+RATE_BY_FORCE, MEAN_S = math.radians(0.06) / GRAVITY_M_S2, 1.5
+# Over a root of a second: as a module warms up.
+BIAS_WANDER, PUSH_WANDER = math.radians(0.01), 0.003
+SWAY_RAD_S = math.radians(0.05)  # in the mean of a second, of a foot that stands
 LEVER_WANDER_M = 0.03  # over a root of rests
-# Of samples at the end of the range nobody knows how much more there was.
-CLIPPED_M_S2, CLIPPED_RAD_S = 100.0, 10.0
+# Of samples at the end of the range nobody knows how much more there was: at most that.
+CLIPPED_M_S2, CLIPPED_RAD_S = 150.0, 20.0
 
 # What stands, moves by some mm/s.
 STANDING_M_S = 0.01
@@ -49,7 +60,7 @@ FAR, FAR_STANDING = 4.0, 30.0  # of one that swung, and of one that stood before
 BELIEF = 6.0
 SAYS_MAX = 4.0
 STRETCH_MIN, STRETCH_MAX = 0.25, 100.0
-FAR_HEADING = 5.0  # sigmas
+FAR_HEADING, FAR_RATE = 5.0, 4.0  # sigmas
 # Headings of a filter have the same error for some time.
 HEADING_SAME_S = 15.0
 HEADING_SIGMA_MIN = math.radians(1.0)
@@ -57,6 +68,40 @@ HEADING_SIGMA_MIN = math.radians(1.0)
 EYE = np.eye(STATES)
 _ABOUT_UP = np.zeros(STATES)
 _ABOUT_UP[ATTITUDE.stop - 1] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Clipped:
+    """Whether a sample is at the end of the range."""
+
+    rate: bool = False
+    force: bool = False
+
+
+NONE = Clipped()
+
+
+@dataclass(slots=True)
+class Beyond:
+    """What a sensor misses while it is at the end of its range: as much as it rose
+    before, for half the time that it has been there; `most` at most.
+    """
+
+    most: float
+    slope: float = 0.0
+    passed_s: float = 0.0
+    lost: float = 0.0  # so far: it adds up
+
+    def variance(self, is_clipped: bool, change: FloatArray, step_s: float) -> float:
+        """What a step adds, by the change since the last sample."""
+        if not is_clipped:
+            self.slope = float(np.linalg.norm(change)) / max(step_s, 1e-4)
+            self.passed_s = self.lost = 0.0
+            return 0.0
+        self.passed_s += step_s
+        before = self.lost
+        self.lost += min(self.slope * self.passed_s / 2.0, self.most) * step_s
+        return self.lost**2 - before**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +130,19 @@ class ZeroVelocity:
         sigmas[ATTITUDE] = tilt_sigma, tilt_sigma, heading_sigma
         sigmas[BIAS] = BIAS_SIGMA_RAD_S
         sigmas[LEVER] = LEVER_SIGMA_M
+        sigmas[PUSH] = PUSH_SIGMA_M_S2
+        sigmas[SCALE] = SCALE_SIGMA
         self.covariance = np.diag(sigmas**2)
-        self._gravity = GRAVITY_M_S2
+        self.push, self.scale = np.zeros(3), np.zeros((3, 3))
         self.stretch = 1.0  # of the noise, by how speeds agreed: a variance's factor
         self._last: tuple[FloatArray, FloatArray] | None = None
-        self._was_clipped = False
+        self._was_clipped = NONE
+        self._beyond = Beyond(CLIPPED_M_S2), Beyond(CLIPPED_RAD_S)
+        # Of forces: the mean of the last while, and when it last stood; and what was
+        # added to the variance of the bias since.
+        self._mean: FloatArray | None = None
+        self._stood: FloatArray | None = None
+        self._added = 0.0
 
     @property
     def sigmas(self) -> FloatArray:
@@ -97,80 +150,104 @@ class ZeroVelocity:
         return np.asarray(np.sqrt(np.diag(self.covariance)[PLACE]))
 
     def advance(
-        self, step_s: float, gyr: FloatArray, acc: FloatArray, *, is_clipped: bool
+        self, step_s: float, gyr: FloatArray, acc: FloatArray, clipped: Clipped = NONE
     ) -> Step:
         """To the next sample, of rates rad/s and forces m/s2 in the probe's frame."""
         last_gyr, last_acc = self._last if self._last is not None else (gyr, acc)
         self._last = gyr, acc
         rate = (gyr + last_gyr) / 2.0 - self.bias
+        rate = rate - self.scale @ rate
         turn = rotation.from_rotation_vector(rate * step_s)
         turned = rotation.multiply(self.quat, turn)
         axes = _matrix(turned)
-        force = (_matrix(self.quat) @ last_acc + axes @ acc) / 2.0
+        force = _matrix(self.quat) @ (last_acc - self.push)
+        force = (force + axes @ (acc - self.push)) / 2.0
         pull = force.copy()
-        pull[2] -= self._gravity
+        pull[2] -= GRAVITY_M_S2
         transition = EYE.copy()
         leaning = skew(force) * -step_s
         transition[PLACE, SPEED] = EYE[PLACE, PLACE] * step_s
         transition[SPEED, ATTITUDE] = leaning
         transition[PLACE, ATTITUDE] = leaning * (step_s / 2.0)
+        transition[SPEED, PUSH] = axes * -step_s
+        transition[PLACE, PUSH] = axes * (-0.5 * step_s * step_s)
         transition[ATTITUDE, BIAS] = axes * -step_s
+        transition[ATTITUDE, SCALE] = np.kron(rate * -step_s, axes)
         self.place = self.place + (self.speed + pull * (step_s / 2.0)) * step_s
         self.speed = self.speed + pull * step_s
         self.quat = turned / np.linalg.norm(turned)
         before = self.covariance
         after = transition @ before @ transition.T
-        after[np.diag_indices(STATES)] += self._noise(
-            step_s,
-            float(np.linalg.norm(pull)),
-            float(np.linalg.norm(rate)),
-            is_clipped or self._was_clipped,  # the force is the mean of both
+        found = self._noise(
+            step_s, float(np.linalg.norm(pull)), float(np.linalg.norm(rate))
         )
-        self._was_clipped = is_clipped
+        # The force is the mean of both samples.
+        is_force = clipped.force or self._was_clipped.force
+        found[SPEED] += self._beyond[0].variance(is_force, acc - last_acc, step_s)
+        found[ATTITUDE] += self._beyond[1].variance(
+            clipped.rate, gyr - last_gyr, step_s
+        )
+        after[np.diag_indices(STATES)] += found
+        self._was_clipped = clipped
+        after[BIAS, BIAS] += self._biased(step_s, acc) * EYE[:3, :3]
         self.covariance = after
         return Step(transition, before, after)
 
-    def _noise(
-        self, step_s: float, pull: float, rate: float, is_clipped: bool
-    ) -> FloatArray:
+    def _noise(self, step_s: float, pull: float, rate: float) -> FloatArray:
         """What a step adds to the variances."""
         found = np.zeros(STATES)
         force = FORCE_NOISE**2 * step_s + (FORCE_SHARE * pull) ** 2 * step_s * SAME_S
         turn = RATE_NOISE**2 * step_s + (RATE_SHARE * rate) ** 2 * step_s * SAME_S
-        if is_clipped:
-            force += (CLIPPED_M_S2 * step_s) ** 2
-            turn += (CLIPPED_RAD_S * step_s) ** 2
         found[SPEED] = force
         found[PLACE] = force * step_s * step_s / 4.0
         found[ATTITUDE] = turn
+        found *= self.stretch
         found[BIAS] = BIAS_WANDER**2 * step_s
-        return found * self.stretch
+        found[PUSH] = PUSH_WANDER**2 * step_s
+        return found
 
-    def weigh(self, acc: FloatArray, step_s: float) -> None:
-        """A sample of a foot that surely stands: an accelerometer that is off by some
-        mg along gravity would lift the path stride by stride.
-        """
-        off = float(np.linalg.norm(acc)) - self._gravity
-        self._gravity += off * min(1.0, step_s / WEIGH_S)
+    def _biased(self, step_s: float, acc: FloatArray) -> float:
+        """What forces add to the variance of the rates' bias since it last stood."""
+        if self._mean is None or self._stood is None:
+            self._mean = self._stood = acc
+        self._mean = self._mean + (acc - self._mean) * min(1.0, step_s / MEAN_S)
+        off = self._mean - self._stood
+        most = RATE_BY_FORCE**2 * float(off @ off)
+        added = max(0.0, most - self._added)
+        self._added += added
+        return added
+
+    def still(self, gyr: FloatArray) -> None:
+        """The mean rate of a second in which the foot surely stood: its own is zero."""
+        off = gyr - self.bias
+        shown = EYE[BIAS]
+        spread = np.diag(self.covariance)[BIAS] + SWAY_RAD_S**2
+        # What rolls on evenly does not stand.
+        if (off**2 < FAR_RATE**2 * spread).all():
+            self._correct(shown, off, SWAY_RAD_S**2 * EYE[:3, :3])
+            self._stood, self._added = self._mean, 0.0
 
     def agrees(
-        self, gyr: FloatArray, sigma: float, *, is_new: bool, must: bool
+        self, gyr: FloatArray, sigma: float, *, is_new: bool, must: float
     ) -> bool:
         """Whether its speed may be that of a foot that stands, but for `sigma`, m/s.
         `is_new`: it did not stand before, so that this tells how good the speed was.
-        `must`: it stands, so that what its speed seems says how far that is off.
+        `must`: so far off, and it stands all the same: then that is what its speed is
+        off by.
         """
         shown, off = self._standing(gyr)
-        spread = shown @ self.covariance @ shown.T + sigma**2 * np.eye(3)
+        known = shown @ self.covariance @ shown.T
+        spread = known + sigma**2 * np.eye(3)
         far = float(off @ np.linalg.solve(spread, off)) / 3.0
         if far > (FAR if is_new else FAR_STANDING):
-            if not must:
+            if far > must:
                 return False
             self.covariance = self.covariance * far
         if not is_new:
             return True
-        seen = min(far, SAYS_MAX) * self.stretch
-        self.stretch += (seen - self.stretch) / BELIEF
+        # Where the rest itself is what is least sure, it says little of the noise.
+        share = float(np.trace(known) / np.trace(spread))
+        self.stretch *= 1.0 + share * (min(far, SAYS_MAX) - 1.0) / BELIEF
         self.stretch = min(max(self.stretch, STRETCH_MIN), STRETCH_MAX)
         self.covariance[LEVER, LEVER] += LEVER_WANDER_M**2 * np.eye(3)
         return True
@@ -215,6 +292,8 @@ class ZeroVelocity:
         self.speed = self.speed + change[SPEED]
         self.bias = self.bias + change[BIAS]
         self.lever = self.lever + change[LEVER]
+        self.push = self.push + change[PUSH]
+        self.scale = self.scale + change[SCALE].reshape(3, 3).T
         turned = rotation.from_rotation_vector(change[ATTITUDE])
         self.quat = rotation.multiply(turned, self.quat)
         return np.asarray(change)

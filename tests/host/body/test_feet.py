@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.limb import feet, made_gait
-from benchmarks.limb.made_gait import GAITS, Walk
-from imud.body import contact, fused
+from benchmarks.limb.feet import track_of
+from benchmarks.limb.made_gait import GAITS
+from imud.body import contact, stance
 from imud.body.contact import FootPath
 from imud.body.feet import Foot
 from imud.body.tracks import Track
-from imud.body.zero_velocity import Step, ZeroVelocity
+from imud.body.zero_velocity import Clipped, Step, ZeroVelocity
 from imud.calibration.recording import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
@@ -24,13 +26,55 @@ UP = np.array([0.0, 0.0, GRAVITY_M_S2])
 SIGNS = np.array([1.0, -1.0, 1.0])
 
 
-def track_of(walk: Walk) -> Track:
-    return fused.attitudes(walk.times_s, walk.gyr, walk.acc, walk.mag)
-
-
 def cut(track: Track, from_s: float, to_s: float) -> Track:
     """Without the samples in between."""
     return track.rows((track.times_s < from_s) | (track.times_s > to_s))
+
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize(
+    ("name", "off_most"),
+    [("run, bare", 0.015), ("in a room", 0.01), ("mixed, bare", 0.03)],
+)
+def test_a_runners_path_without_a_compass_is_right_within_what_it_states(
+    name: str, off_most: float
+):
+    """Rests tell apart what scales and axes of a gyroscope do to it: before, a run was
+    off by 3 % of its way, and a mixed one by 6 %.
+    """
+    scored = [feet.measure_case(feet.CASES[name], seed) for seed in (30, 31)]
+    assert sum(e.found for e in scored) >= 0.98 * sum(e.rests for e in scored)
+    assert np.mean([each.off for each in scored]) < off_most
+    assert np.mean([each.inside for each in scored]) > 0.93
+
+
+def test_a_foot_that_stands_at_the_end_stays_where_it_is():
+    """It moved by 1.3 m when an accelerometer's bias was taken for a lean."""
+    walk = made_gait.made(GAITS["walk"], STRIDES, 0, made_gait.BARE)
+    found = contact.path(track_of(walk))
+    first, last = found.rests[-1]
+    assert found.times_s[last] - found.times_s[first] > 1.5
+    assert np.linalg.norm(found.place[last] - found.place[first]) < 0.15
+
+
+def test_each_sensor_has_a_range_of_its_own():
+    values = np.random.default_rng(0).normal(0.0, 3.0, (100, 3))
+    values[20:24, 0], values[50:53, 2] = -20.0, 30.0
+    at_end = stance.clipped(values, 15.0)
+    assert np.flatnonzero(at_end).tolist() == [20, 21, 22, 23, 50, 51, 52]
+    assert not stance.clipped(values, 40.0).any()
+
+
+def test_a_clipped_force_costs_no_heading():
+    headings = []
+    for clipped in (Clipped(force=True), Clipped(rate=True)):
+        made = ZeroVelocity(np.array([1.0, 0.0, 0.0, 0.0]), 0.01, 0.0)
+        for index in range(10):
+            rate = np.array([0.0, 0.0, 0.8 * index])
+            made.advance(0.005, rate, UP, Clipped() if index < 5 else clipped)
+        headings.append(float(np.sqrt(made.covariance[8, 8])))
+    assert headings[0] < 1e-2
+    assert headings[1] > 0.03
 
 
 @pytest.mark.sampled(3)
@@ -41,10 +85,8 @@ def test_rests_are_found_and_the_stated_error_holds_from_strolling_to_sprinting(
     scored = [feet.measure(GAITS[name], seed, 20) for seed in (30, 31, 32)]
     assert sum(each.found for each in scored) >= 0.95 * sum(e.rests for e in scored)
     assert sum(each.false for each in scored) <= 1
-    # The way of a sprint is short in time and long in m: the compass counts most.
-    most = 0.06 if name == "sprint" else 0.03
-    assert np.mean([each.off for each in scored]) < most
-    assert np.mean([each.inside for each in scored]) > 0.9
+    assert np.mean([each.off for each in scored]) < 0.03
+    assert np.mean([each.inside for each in scored]) > 0.93
     true, stated = (
         np.hypot.reduce([getattr(each, key) for each in scored])
         for key in ("true_m", "stated_m")
@@ -68,7 +110,7 @@ def test_a_fixed_threshold_finds_few_rests_of_who_runs():
         for start, end in walk.contacts
     ]
     assert sum(met) <= 4
-    assert feet.score(walk, feet.path_of(walk)).found >= STRIDES
+    assert feet.score(walk).found >= STRIDES
 
 
 def test_missing_samples_end_what_is_known_and_are_said():
@@ -200,10 +242,11 @@ def test_how_well_speeds_agree_stretches_the_error():
     for off_m_s in (0.001, 0.15):
         made = ZeroVelocity(quat, 0.01, 0.0)
         for index in range(1200):
-            made.advance(0.005, np.zeros(3), UP, is_clipped=False)
+            made.advance(0.005, np.zeros(3), UP)
             if index % 200 == 199:
-                made.speed = made.speed + off_m_s * SIGNS
-                assert made.agrees(np.zeros(3), 0.01, is_new=True, must=True)
+                # There and back: always the same way, and it were the forces' bias.
+                made.speed = made.speed + off_m_s * SIGNS * (-1.0) ** (index // 200)
+                assert made.agrees(np.zeros(3), 0.01, is_new=True, must=math.inf)
                 made.stand(np.zeros(3), 0.01)
         grown.append(float(made.sigmas.max()))
     assert grown[1] > 2.0 * grown[0]
