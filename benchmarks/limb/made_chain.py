@@ -13,8 +13,8 @@ import numpy as np
 from imud import rotation
 from imud.rotation import FloatArray
 from imud.virtual.curves import STEP
-from imud.virtual.leg_probes import RATE_HZ, felt, wobble
-from imud.virtual.motion import Motion
+from imud.virtual.leg_probes import RATE_HZ, felt, sprung
+from imud.virtual.motion import GRAVITY_M_S2, Motion
 from imud.virtual.sensors import Magnet, World
 
 NAMES = ("one", "two", "three", "four", "five")
@@ -82,9 +82,7 @@ def made(
             )
         body = quat
         if is_loose:
-            size = np.radians(LOOSE_DEG)
-            moving = slice(round((STILL_S + 2.0) * RATE_HZ), len(t))
-            soft = wobble(place, moving, size, random)
+            soft = foam(quat, place, random)
             body = rotation.multiply(quat, rotation.from_rotation_vector(soft))
         mount = _turned(random.normal(0.0, 1.5, 3))
         at = place + rotation.rotate(
@@ -98,6 +96,21 @@ def made(
     count = min(len(motions["one"]), len(quats["one"]))
     quats = {name: each[:count] for name, each in quats.items()}
     return Made(motions, quats, toml_of(joints))
+
+
+def foam(
+    quat: FloatArray, place: FloatArray, random: np.random.Generator
+) -> FloatArray:
+    """How a probe turns on foam, rotation vectors in rad: a damped spring gives way to
+    the force in its segment, so it sags with gravity and lags behind what shakes it.
+    """
+    push = np.gradient(np.gradient(place, 1.0 / RATE_HZ, axis=0), 1.0 / RATE_HZ, axis=0)
+    force = rotation.rotate(
+        rotation.inverse(quat), push + np.array([0.0, 0.0, GRAVITY_M_S2])
+    )
+    moving = slice(round((STILL_S + 2.0) * RATE_HZ), len(quat))
+    turned = (force - force[0]) @ random.standard_normal((3, 3))
+    return sprung(turned, moving, np.radians(LOOSE_DEG))
 
 
 def toml_of(joints: tuple[str, ...]) -> str:

@@ -10,13 +10,16 @@ import numpy as np
 from benchmarks.common.engines import ENGINES, VQF, Engine
 from benchmarks.common.feed import Feed
 from imud import rotation
-from imud.body import angles, chain
+from imud.body import angles, chain, fused, heading, hinge, joints
 from imud.body.posture import Posture
+from imud.body.tracks import Track
 from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.virtual.leg_probes import USUAL
+from imud.virtual.motion import Motion
 
 STOOD_S = (1.0, 5.5)
+HEADING_S = 5.0  # time constant of the heading between two probes
 
 
 def opensense(feeds: Mapping[str, Feed], times_s: FloatArray) -> Posture:
@@ -48,6 +51,66 @@ def rozanowski(feeds: Mapping[str, Feed], times_s: FloatArray) -> Posture:
         for name, each in quats.items()
     }
     return _posture(worn, times_s)
+
+
+def one_degree(parent: Motion, child: Motion, pose: tuple[float, float]) -> FloatArray:
+    """The angle of a hinge, rad, (n,), zero in the mean of the pose, without a compass:
+    its one degree of freedom shows the heading between both probes at each moment,
+    weighted by how level the axis is and low-passed forwards and backwards.
+
+    D. Laidig, T. Schauer, T. Seel, IEEE ICORR 2017:971. The axis: T. Seel 2014.
+    """
+    tracks = [_inertial(each) for each in (parent, child)]
+    moving = [each.between(pose[1], np.inf) for each in tracks]
+    seen = hinge.axis(moving[0].gyr, moving[1].gyr, parent.rate_hz, joints.RESIDUAL_MAX)
+    found = [
+        _corrected(tracks[0], tracks[1], seen.parent, sign * seen.child)
+        for sign in (1.0, -1.0)
+    ]
+    (_, angle) = min(found, key=lambda each: each[0])
+    stood = (tracks[0].times_s >= pose[0]) & (tracks[0].times_s < pose[1])
+    return np.unwrap(angle) - float(np.angle(np.exp(1j * angle[stood]).mean()))
+
+
+def _inertial(motion: Motion) -> Track:
+    times_s = np.arange(len(motion)) / motion.rate_hz
+    return fused.attitudes(
+        times_s, motion.gyr, motion.acc, np.full_like(motion.mag, np.nan)
+    )
+
+
+def _corrected(
+    parent: Track, child: Track, first: FloatArray, second: FloatArray
+) -> tuple[float, FloatArray]:
+    """What is left of the axes, and the angle."""
+    ends = [
+        rotation.rotate(track.quat, axis)
+        for track, axis in ((parent, first), (child, second))
+    ]
+    (x1, y1, _), (x2, y2, _) = ends[0].T, ends[1].T
+    weighted = (x1 + 1j * y1) * (x2 - 1j * y2)
+    step = float(np.median(np.diff(parent.times_s)))
+    share = step / HEADING_S
+    for _ in range(2):
+        state, smoothed = 0j, np.empty_like(weighted)
+        for index, each in enumerate(weighted):
+            state += (each - state) * max(share, 1.0 / (index + 1))
+            smoothed[index] = state
+        weighted = smoothed[::-1]
+    stepped = rotation.multiply(heading.about_up(np.angle(weighted)), child.quat)
+    left = rotation.rotate(stepped, second) - ends[0]
+    turn = rotation.multiply(rotation.inverse(parent.quat), stepped)
+    # To a frame of both whose axes lie on each other.
+    across = [_across(first), _across(second)]
+    seen = rotation.rotate(turn, across[1])
+    angle = angles.about(first, np.broadcast_to(across[0], seen.shape), seen)
+    return float((left**2).mean()), angle
+
+
+def _across(axis: FloatArray) -> FloatArray:
+    """A direction across an axis."""
+    found = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return np.asarray(found / np.linalg.norm(found))
 
 
 def _quats(

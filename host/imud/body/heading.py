@@ -96,6 +96,7 @@ class HeadingFilter:
     turn: float = 0.0
     variance: float = UNKNOWN**2
     last_s: float | None = None
+    walk: float = WALK
 
     @property
     def sigma(self) -> float:
@@ -108,7 +109,7 @@ class HeadingFilter:
         is_first = self.last_s is None
         passed = 0.0 if self.last_s is None else max(0.0, time_s - self.last_s)
         self.last_s = time_s
-        self.variance = min(self.variance + WALK**2 * passed, math.pi**2)
+        self.variance = min(self.variance + self.walk**2 * passed, math.pi**2)
         for turns, variance, lasts_s in seen:
             if variance != variance or (passed == 0.0 and not is_first):
                 continue
@@ -144,13 +145,13 @@ def follow(
 
 
 def smoothed(
-    times_s: FloatArray, turns: FloatArray, sigmas: FloatArray
+    times_s: FloatArray, turns: FloatArray, sigmas: FloatArray, walk: float = WALK
 ) -> tuple[FloatArray, FloatArray]:
     """The same by what came later, too: H. Rauch et al., AIAA J. 3:1445, 1965."""
     turns, variances = turns.copy(), sigmas**2
     rows = np.flatnonzero(np.isfinite(turns)).tolist()
     for later, row in zip(rows[:0:-1], rows[-2::-1], strict=True):
-        grown = variances[row] + WALK**2 * (times_s[later] - times_s[row])
+        grown = variances[row] + walk**2 * (times_s[later] - times_s[row])
         gain = variances[row] / grown
         turns[row] += gain * (turns[later] - turns[row])
         variances[row] += gain**2 * (variances[later] - grown)

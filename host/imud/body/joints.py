@@ -27,6 +27,9 @@ PLAY_MIN = math.radians(0.5)
 NOISE_MIN = 0.1  # m/s2, of forces at a centre
 SPREAD_MIN = 0.01  # of the turns of a joint, about 8 degrees rms
 CONSTANT = 1e-9
+# Drift between two headings without what their filters slid: that of gyroscopes, rad
+# for a root of a second.
+WALK = math.radians(0.4)
 # Inside a building the fields at two places differ by more than a probe at rest knows.
 INDOORS = math.radians(6.0)
 # Loose probes shake: what is left of the axes by their attitudes decides.
@@ -101,10 +104,9 @@ class JointModel:
             replace(each, turns=each.turns + slid[:, None])
             for each in self.sights(parent, child)
         ]
-        found = heading.follow(
-            heading.HeadingFilter(), parent.times_s, is_there, sights
-        )
-        turns, sigmas = heading.smoothed(parent.times_s, *found)
+        step = heading.HeadingFilter(walk=WALK)
+        found = heading.follow(step, parent.times_s, is_there, sights)
+        turns, sigmas = heading.smoothed(parent.times_s, *found, WALK)
         return turns - slid, sigmas
 
 

@@ -23,6 +23,9 @@ from imud.rotation import FloatArray
 
 # Soft tissue lets a probe turn by this against the bone, rms of an axis.
 WOBBLE = math.radians(1.3)
+# Only turns across its axis show how loose the probes of a joint sit, and the axis that
+# is found takes up some of them: those about it are so much larger.
+HIDDEN = 1.3
 # Headings in step take up most of what a wrong facing does while a person stands.
 FACING_SHARE = 0.25
 # An angle whose error is larger than this is not stated.
@@ -60,7 +63,7 @@ def of(
     found = Posture(times_s, {}, {}, {})
     turned: dict[str, FloatArray] = {}
     seen = known or {}
-    play = [each.play for each in seen.values() if each.play > 0.0]
+    loose = _loose(seen)
     for segment in chain.segments:
         name, above = segment.name, segment.parent
         track, mount = tracks.get(name), mounts.get(name)
@@ -84,9 +87,10 @@ def of(
         found.angles[name] = angles_of(joint, both, axes, chain.side)
         tilts = np.hypot(tracks[above].tilt_sigma, track.tilt_sigma)
         wobble = WOBBLE
-        if joint.joint.freedom and play:
+        if joint.joint.freedom and loose:
             # What two probes show of one axis has the errors of their levels in it.
-            wobble = (joint.play or float(np.median(play))) / math.sqrt(2.0)
+            play = math.sqrt((joint.play**2 + loose**2) / 2.0) if joint.play else loose
+            wobble = HIDDEN * play / math.sqrt(2.0)
             tilts = np.zeros(len(times_s))
         found.sigmas[name] = angles.errors(
             angles.turning_axes(joint.joint, *both, axes),
@@ -100,6 +104,14 @@ def of(
             is_unknown = found.sigmas[name] > WITHHELD
             found.angles[name][is_unknown] = found.sigmas[name][is_unknown] = np.nan
     return found
+
+
+def _loose(known: Mapping[str, JointModel]) -> float:
+    """How far the probes of a chain turn against their segments, as two of them show
+    it: rms of all its joints, rad; 0 if none shows it.
+    """
+    plays = [each.play for each in known.values() if each.play > 0.0]
+    return float(np.sqrt(np.mean(np.square(plays)))) if plays else 0.0
 
 
 def _upright(joint: Joint, mounts: tuple[Mount, Mount]) -> JointModel:

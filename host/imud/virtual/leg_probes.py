@@ -113,7 +113,13 @@ def wobble(
     shakes it, a damped spring; `size`: their rms of an axis while `walking`.
     """
     push = np.gradient(np.gradient(origin, 1.0 / RATE_HZ, axis=0), 1 / RATE_HZ, axis=0)
-    push = push @ random.standard_normal((3, 3))
+    return sprung(push @ random.standard_normal((3, 3)), walking, size)
+
+
+def sprung(push: FloatArray, walking: slice, size: float) -> FloatArray:
+    """The turns of a damped spring that a push (n, 3) at RATE_HZ makes, scaled to an
+    rms of `size` of an axis over the rows `walking`.
+    """
     stiff, damping = (2.0 * np.pi * SPRING_HZ) ** 2, 4.0 * np.pi * DAMPING * SPRING_HZ
     state, speed = np.zeros(3), np.zeros(3)
     found = np.empty_like(push)

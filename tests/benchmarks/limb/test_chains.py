@@ -110,9 +110,11 @@ def test_samples_that_no_probe_fused_are_fused_here(monkeypatch: pytest.MonkeyPa
 @pytest.mark.nightly
 def test_each_kind_of_joint_is_scored():
     found = session.of(chain.read(made().toml, "five"), tracks_of())
-    for kind, rms, inside in chains.scored(made(), found):
-        assert rms < 4.0, kind
-        assert inside > 0.85, kind
+    for each in chains.scored(made(), found):
+        assert each.rms < 4.0, each.kind
+        assert each.inside > 0.85, each.kind
+        assert np.isfinite(each.plain) == (each.kind == "hinge")
+        assert not each.rms > each.plain + 1.0
 
 
 def test_a_joint_that_is_freer_than_the_file_says_is_told():
