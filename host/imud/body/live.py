@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from imud import rotation
-from imud.body import heading, mounting, posture, session, zero
+from imud.body import heading, mounting, posture, session, tracks, zero
 from imud.body.chain import Chain, Segment
 from imud.body.feet import Feet
 from imud.body.heading import HeadingFilter
@@ -24,17 +24,18 @@ from imud.body.history import ProbeHistory
 from imud.body.joints import JointModel
 from imud.body.mounting import Mount
 from imud.body.posture import Posture
+from imud.body.session import Alignment
 from imud.body.state import (
     BodyState,
     JointState,
     Presence,
     SegmentState,
     Stage,
-    Vector,
-    vector,
+    named,
+    place,
 )
 from imud.body.tracks import GAP_S, Track
-from imud.rotation import FloatArray, Quat
+from imud.rotation import Quat
 
 DELAY_S = 0.15
 ALIGN_S = 180.0  # of poses that an alignment looks back on
@@ -43,6 +44,10 @@ SWAPPED_LOOKS = 4  # in a row that tell of swapped probes: a turn or a stop is o
 RATE_HZ = 50.0  # of what alignment looks at
 LOST_S = 1.0  # a probe that has been silent for longer is missing
 AWAY_S = 3.0  # one that has been silent for longer ends an alignment
+# A zero that is not known is looked for again after ZERO_S, or that share of the time
+# since the pose: each look goes through all of it.
+LOST = f"no motion showed the zero within {ALIGN_S:g} s: start imud body again"
+ZERO_S, ZERO_SHARE, ZERO_BEFORE_S = 3.0, 0.1, 0.1
 GUIDE_S = 1.0  # between two looks at what the person does
 STAND_S = 3.0
 
@@ -80,8 +85,9 @@ class LiveBody:
         self._begun_s = -math.inf  # of the poses that an alignment may use
         self._looked_s = -math.inf
         self._ahead_rad = 0.0  # heading of the body's x
-        self._mounts: Mapping[str, Mount] = {}
+        self._alignment: Alignment | None = None
         self._known: Mapping[str, JointModel] = {}
+        self._zeroed_s = math.inf  # of the next look for zeros that were not known
         self._steps: dict[str, HeadingFilter] = {}
         self._feet = Feet(chain)
         self._sides: dict[str, Quat] = {}  # the last attitudes, for their signs
@@ -132,10 +138,16 @@ class LiveBody:
     def _method(self) -> str | None:
         return next((each.method for each in self._mounts.values()), None)
 
+    @property
+    def _mounts(self) -> Mapping[str, Mount]:
+        return self._alignment.mounts if self._alignment is not None else {}
+
     def _guide(self, presences: Mapping[str, Presence], time_s: float) -> None:
         """Looks at what the person does, and says what to do next."""
         if self.stage == "running":
             self._check_order(time_s)
+            if time_s >= self._zeroed_s and self._alignment is not None:
+                self._zero(self._alignment, time_s)
             return
         away = [
             f"{s.name} ({s.probe})"
@@ -192,25 +204,44 @@ class LiveBody:
 
     def _align(self, found: Mapping[str, Track], time_s: float) -> None:
         try:
-            mounts, known, remarks = session.aligned(
-                self.chain, found, self._facing_rad
-            )
+            done = session.aligned(self.chain, found, self._facing_rad)
         except AlignmentRefused as refused:
             self.stage, self.instruction = "standing", f"{refused}. Again: {STAND}"
             self._begun_s = time_s
             return
-        self.stage, self.instruction, self.remarks = "running", None, remarks
-        self._mounts = mounts
-        # Forces at a joint's centre need samples before and after: not live.
-        self._known = {name: replace(each, arms=None) for name, each in known.items()}
+        self.stage, self.instruction = "running", None
         root = self.chain.segments[0].name
         if root in found:
             quat = zero.mean(found[root], session.standing(found)[0])
-            stood = rotation.multiply(quat, mounts[root].probe_from_segment)
+            stood = rotation.multiply(quat, done.mounts[root].probe_from_segment)
             x, y, _ = rotation.rotate(stood, np.array([1.0, 0.0, 0.0])).tolist()
             self._ahead_rad = math.atan2(y, x)
-        for history in self.histories.values():
-            history.kept_s = RUN_S
+        self._take(done, time_s)
+
+    def _take(self, done: Alignment, time_s: float) -> None:
+        """An alignment, or one with better zeros."""
+        before = self._alignment.remarks if self._alignment is not None else ()
+        kept = [each for each in self.remarks if each not in before]
+        self._alignment, self.remarks = done, [*done.remarks, *kept]
+        # Forces at a joint's centre need samples before and after: not live.
+        self._known = {n: replace(each, arms=None) for n, each in done.known.items()}
+        since_s = time_s - done.pose[0]
+        if zero.is_open(self.chain, done.mounts) and since_s < ALIGN_S:
+            self._zeroed_s = time_s + max(ZERO_S, ZERO_SHARE * since_s)
+        else:
+            self._zeroed_s = math.inf
+            if zero.remarks(self.chain, done.mounts):
+                self.remarks.append(LOST)
+            for history in self.histories.values():
+                history.kept_s = RUN_S
+
+    def _zero(self, begun: Alignment, time_s: float) -> None:
+        """Looks whether motion has shown the zeros that were not known."""
+        found = self._since(begun.pose[0] - ZERO_BEFORE_S, time_s)
+        done = begun
+        if found and next(iter(found.values())).times_s[0] <= begun.pose[0]:
+            done = session.zeroed(self.chain, begun, found, self._facing_rad)
+        self._take(done, time_s)
 
     def _check_order(self, time_s: float) -> None:
         """Probes that were swapped show by how they move in walking."""
@@ -236,12 +267,12 @@ class LiveBody:
         if self.stage != "running":
             return None
         times_s = np.array([time_s])
-        tracks = {}
+        seen = {}
         for segment in self.chain.segments:
             history = self.histories.get(segment.probe or "")
             track = history.track(times_s) if history is not None else None
-            tracks[segment.name] = track or _nothing(times_s)
-        found = posture.of(self.chain, tracks, self._mounts, self._known, self._steps)
+            seen[segment.name] = track or tracks.nothing(times_s)
+        found = posture.of(self.chain, seen, self._mounts, self._known, self._steps)
         back = heading.about_up(np.array(-self._ahead_rad))
         for name, quat in found.quats.items():
             found.quats[name] = rotation.multiply(back, quat)
@@ -250,7 +281,7 @@ class LiveBody:
             for each in self.chain.segments
             if each.probe in self.histories
         }
-        self._feet.update(time_s, found.quats, tracks, self._mounts, histories)
+        self._feet.update(time_s, found.quats, seen, self._mounts, histories)
         return found
 
     def _segments(
@@ -270,9 +301,9 @@ class LiveBody:
                     (w, x, y, z), self._sides.get(name)
                 )
             marks = {
-                mark: place
+                mark: there
                 for mark in segment.marks
-                if (place := _place(places.get(f"{name}.{mark}"))) is not None
+                if (there := place(places.get(f"{name}.{mark}"))) is not None
             }
             states.append(
                 SegmentState(
@@ -282,7 +313,7 @@ class LiveBody:
                     presence=presences[name],
                     age_us=None if last_s is None else round((now_s - last_s) * 1e6),
                     q=(w, x, y, z) if is_there else None,
-                    start_m=_place(places.get(f"{name}.start")) if is_there else None,
+                    start_m=place(places.get(f"{name}.start")) if is_there else None,
                     end_m=marks.pop("end", None),
                     marks_m=marks,
                     contact=self._feet.state(name) if is_there else None,
@@ -296,43 +327,16 @@ class LiveBody:
         for parent, child in self.chain.joints():
             angles = sigmas = None
             if shown is not None and child.name in shown.angles:
-                angles = _named(child, shown.angles[child.name][0])
-                sigmas = _named(child, shown.sigmas[child.name][0])
+                angles = named(child.joint.angles, shown.angles[child.name][0])
+                sigmas = named(child.joint.angles, shown.sigmas[child.name][0])
             states.append(
                 JointState(
                     parent=parent.name,
                     child=child.name,
                     kind=child.kind,
-                    at_m=_place(places.get(f"{child.name}.start")),
+                    at_m=place(places.get(f"{child.name}.start")),
                     angles_deg=angles,
                     sigmas_deg=sigmas if angles is not None else None,
                 )
             )
         return tuple(states)
-
-
-def _nothing(times_s: FloatArray) -> Track:
-    """The track of a probe that is missing."""
-    none = np.full(len(times_s), np.nan)
-    return Track(
-        times_s,
-        np.full((len(times_s), 4), np.nan),
-        np.full((len(times_s), 3), np.nan),
-        none,
-        none,
-    )
-
-
-def _place(place: FloatArray | None) -> Vector | None:
-    return None if place is None else vector(place[0])
-
-
-def _named(child: Segment, rad: FloatArray) -> dict[str, float] | None:
-    """Degrees by the names of the joint's angles; None where they are not known."""
-    if not np.isfinite(rad).all():
-        return None
-    degrees = np.degrees(rad).tolist()
-    return {
-        name: round(each, 2)
-        for name, each in zip(child.joint.angles, degrees, strict=True)
-    }

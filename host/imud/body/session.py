@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,6 +44,21 @@ class BodyAnalysis:
     remarks: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """How the probes sit, joints about any axes by child, remarks for people.
+
+    `pose`: from and to, s, in which angles about any axes are 0. `upright`: those of
+    the mounts that no zero is in.
+    """
+
+    mounts: Mapping[str, Mount]
+    known: Mapping[str, JointModel]
+    remarks: tuple[str, ...]
+    pose: tuple[float, float]
+    upright: Mapping[str, Mount]
+
+
 def of(
     chain: Chain, by_probe: Mapping[str, Track], facing_rad: float | None = None
 ) -> BodyAnalysis:
@@ -65,13 +80,13 @@ def of(
     if len(times_s) < RATE_HZ * STILL_S:
         raise AlignmentRefused("its probes have hardly a moment in common")
     found = {name: tracks.joined(each, times_s) for name, each in given.items()}
-    mounts, known, why = aligned(chain, found, facing_rad)
+    known = aligned(chain, found, facing_rad)
     remarks = [
         f"{each.name}: {each.probe} is not there"
         for each in chain.segments
         if each.probe is not None and each.name not in given
     ]
-    remarks += why
+    remarks += known.remarks
     paths = {
         each.name: contact.path(given[each.name])
         for each in chain.segments
@@ -79,17 +94,14 @@ def of(
     }
     for name, path in paths.items():
         remarks += [f"{name}: {remark}" for remark in path.remarks]
-    body = posture.of(chain, found, mounts, known)
-    return BodyAnalysis(body, paths, mounts, known, tuple(remarks))
+    body = posture.of(chain, found, known.mounts, known.known)
+    return BodyAnalysis(body, paths, known.mounts, known.known, tuple(remarks))
 
 
 def aligned(
     chain: Chain, found: Mapping[str, Track], facing_rad: float | None
-) -> tuple[dict[str, Mount], dict[str, JointModel], list[str]]:
-    """All mounts, what motion shows of joints about any axes, remarks.
-
-    `found`: tracks of the same times, by segment. Raises AlignmentRefused.
-    """
+) -> Alignment:
+    """By tracks of the same times, by segment. Raises AlignmentRefused."""
     mounts: dict[str, Mount] = {}
     if any(not child.joint.freedom for _, child in chain.joints()):
         stood, mounts, why = align(chain, found, facing_rad)
@@ -99,9 +111,29 @@ def aligned(
         chain, {n: t.between(stood[1], math.inf) for n, t in found.items()}
     )
     pose = max(stood[0], stood[1] - POSE_S), stood[1] - BEFORE_S
-    mounts = zero.mounted(chain, found, known, pose, mounts, facing_rad)
-    why += zero.remarks(chain, mounts)
-    return mounts, zero.signed(known, mounts, chain), why
+    begun = Alignment({}, known, tuple(why), pose, mounts)
+    return zeroed(chain, begun, found, facing_rad)
+
+
+def zeroed(
+    chain: Chain,
+    begun: Alignment,
+    found: Mapping[str, Track],
+    facing_rad: float | None,
+) -> Alignment:
+    """With the zeros that tracks show, which go from the pose on as far as there are
+    any.
+    """
+    mounts = zero.mounted(
+        chain, found, begun.known, begun.pose, begun.upright, facing_rad
+    )
+    told = [each for each in begun.remarks if zero.WORDS not in each]
+    return replace(
+        begun,
+        mounts=mounts,
+        known=zero.signed(begun.known, mounts, chain),
+        remarks=(*told, *zero.remarks(chain, mounts)),
+    )
 
 
 def _begin(found: Mapping[str, Track]) -> tuple[tuple[float, float], list[str]]:

@@ -8,6 +8,7 @@ is the root's start.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import msgspec
@@ -85,3 +86,16 @@ def vector(values: FloatArray) -> Vector | None:
         return None
     x, y, z = (round(each, 4) for each in values.tolist())
     return x, y, z
+
+
+def place(values: FloatArray | None) -> Vector | None:
+    """The first of places over time."""
+    return None if values is None else vector(values[0])
+
+
+def named(names: Sequence[str], rad: FloatArray) -> dict[str, float] | None:
+    """Degrees by the names of a joint's angles; None where they are not known."""
+    if not np.isfinite(rad).all():
+        return None
+    degrees = np.degrees(rad).tolist()
+    return {name: round(each, 2) for name, each in zip(names, degrees, strict=True)}

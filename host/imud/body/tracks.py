@@ -55,6 +55,18 @@ class Track:
         return replace(self, times_s=self.times_s - self.times_s[0] + start_s)
 
 
+def nothing(times_s: FloatArray) -> Track:
+    """The track of a probe that is missing."""
+    none = np.full(len(times_s), np.nan)
+    return Track(
+        times_s,
+        np.full((len(times_s), 4), np.nan),
+        np.full((len(times_s), 3), np.nan),
+        none,
+        none,
+    )
+
+
 def of_poses(
     times_s: FloatArray,
     quat: FloatArray,

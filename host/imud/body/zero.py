@@ -26,6 +26,9 @@ UPRIGHT = rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]
 
 Pose = tuple[float, float]  # from and to, s
 
+WORDS = "the zero of its"
+KNOWN = math.radians(5.0)  # a zero that is known so well needs no more motion
+
 
 def learnt(chain: Chain, found: Mapping[str, Track]) -> dict[str, JointModel]:
     """What motion shows of the joints about any axes, by child, or AlignmentRefused."""
@@ -84,7 +87,7 @@ def mounted(
 def remarks(chain: Chain, mounts: Mapping[str, Mount]) -> list[str]:
     """Which angles have no zero, and the motion that would show it."""
     return [
-        f"{child.name}: the zero of its {_what(child)} is not known: turn the whole, "
+        f"{child.name}: {WORDS} {_what(child)} is not known: turn the whole, "
         f"so that the axis between {parent.name} and {child.name} lies level for some "
         "seconds, or use magnetometers"
         for parent, child in chain.joints()
@@ -92,6 +95,16 @@ def remarks(chain: Chain, mounts: Mapping[str, Mount]) -> list[str]:
         and child.name in mounts
         and mounts[child.name].facing_sigma > posture.WITHHELD
     ]
+
+
+def is_open(chain: Chain, mounts: Mapping[str, Mount]) -> bool:
+    """Whether more motion could show a zero better."""
+    return any(
+        child.joint.freedom
+        and child.name in mounts
+        and mounts[child.name].facing_sigma > KNOWN
+        for _, child in chain.joints()
+    )
 
 
 def _what(child: Segment) -> str:

@@ -3,16 +3,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from benchmarks.limb import chains, made_chain
 from imud import rotation
-from imud.body import chain, fused, session, tracks
+from imud.body import chain, fused, live, session, state, tracks
 from imud.rotation import FloatArray
 from length import choose
 
 RATE_HZ = 100.0
+UTC_S = 1.7e9
 UP = np.array([0.0, 0.0, 1.0])
 GRAVITY = np.array([0.0, 0.0, 9.80665])
 PAIR = """
@@ -106,6 +109,74 @@ def test_motion_shows_the_zero_later():
     found = pair(1.2, None)
     assert np.isfinite(found.posture.angles["two"]).mean() > 0.9
     assert not any("zero" in each for each in found.remarks)
+
+
+def leaning_late(leans_rad: float) -> tuple[dict[str, tracks.Track], FloatArray]:
+    """The same pair: it rests, bends upright, rests, then leans from 25 s on while it
+    bends; and the true angle.
+    """
+    t = np.arange(int(50 * RATE_HZ)) / RATE_HZ
+    moves = np.clip(t - 6.0, 0.0, 1.0) * np.clip(18.0 - t, 0.0, 1.0)
+    moves = moves + np.clip(t - 25.0, 0.0, 1.0)
+    lean = leans_rad * np.clip((t - 25.0) / 5.0, 0.0, 1.0)
+    first = rotation.multiply(
+        rotation.from_rotation_vector(np.outer(lean, [1.0, 0.0, 0.0])),
+        rotation.from_rotation_vector(np.outer(0.4 * np.sin(t) * moves, UP)),
+    )
+    bend = 0.8 * np.sin(1.7 * t) * moves
+    second = rotation.multiply(first, rotation.from_rotation_vector(np.outer(bend, UP)))
+    return {"one": felt(first, None), "two": felt(second, None)}, bend
+
+
+def told_live(
+    found: dict[str, tracks.Track],
+) -> list[tuple[float, state.BodyState]]:
+    """What a live body says of the tracks, some times a second."""
+    body, told = live.LiveBody(chain.read(PAIR, "pair")), []
+    for row, time_s in enumerate(found["one"].times_s.tolist()):
+        for name, track in found.items():
+            assert track.acc is not None
+            w, x, y, z = track.quat[row].tolist()
+            sigmas = float(track.tilt_sigma[row]), float(track.heading_sigma[row])
+            body.histories[name].add_pose(UTC_S + time_s, (w, x, y, z), sigmas)
+            p, q, r = track.gyr[row].tolist()
+            a, b, c = track.acc[row].tolist()
+            body.histories[name].add_raw(UTC_S + time_s, (p, q, r), (a, b, c))
+        if row % 20 == 0:
+            told.append((time_s - live.DELAY_S, body.state(UTC_S + time_s)))
+    return told
+
+
+def test_a_live_zero_is_withheld_until_motion_shows_it_and_right_from_then_on():
+    found, bend = leaning_late(1.2)
+    told = told_live(found)
+    aligned = [(time_s, each) for time_s, each in told if each.stage == "running"]
+    early = [each for time_s, each in aligned if time_s < 25.0]
+    assert early
+    assert all(each.joints[0].angles_deg is None for each in early)
+    assert all("the zero of its angle" in each.remarks[0] for each in early)
+    late = [(time_s, each) for time_s, each in aligned if time_s > 38.0]
+    assert not any(each.remarks for _, each in late)
+    off, sigmas = [], []
+    for time_s, each in late:
+        angles, stated = each.joints[0].angles_deg, each.joints[0].sigmas_deg
+        assert angles is not None
+        assert stated is not None
+        truth = math.degrees(float(np.interp(time_s, found["one"].times_s, bend)))
+        off.append(angles["angle"] - truth)
+        sigmas.append(stated["angle"])
+    assert np.sqrt(np.mean(np.square(off))) < 5.0
+    assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.9
+
+
+def test_a_live_zero_that_nothing_shows_is_said_to_stay_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(live, "ALIGN_S", 30.0)
+    told = told_live(leaning_late(0.0)[0])
+    last = told[-1][1]
+    assert last.joints[0].angles_deg is None
+    assert live.LOST in last.remarks
 
 
 @pytest.mark.parametrize("turn_rad", [0.3, -0.5])
