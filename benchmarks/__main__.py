@@ -61,6 +61,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
     "calibration": (
         "how well simulated modules are calibrated; 2,000 verdicts",
         "calibration/modules.py",
+        "calibration/warm.py",
     ),
     "limb": (
         "joint angles of legs that walk, and of chains; paths of feet",
