@@ -44,8 +44,12 @@ def _add(file: zipfile.ZipFile, name: str, data: bytes) -> None:
 
 
 def is_current(path: Path) -> bool:
-    with zipfile.ZipFile(path) as file:
-        return file.read(ORIGIN).decode().strip() == origin()
+    """Whether it was built from these files; not if it is no archive of ours."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            return file.read(ORIGIN) == origin().encode() + b"\n"
+    except (zipfile.BadZipFile, KeyError):
+        return False
 
 
 def main() -> int:

@@ -128,6 +128,7 @@ def test_an_archive_knows_what_it_was_built_from(
         archive.write(path, [part], archive.origin())
     assert one.read_bytes() == other.read_bytes()
     assert archive.is_current(one)
+    assert not archive.is_current(part)  # no archive at all
     (tmp_path / "dimensions.toml").write_text("[process]")
     monkeypatch.setattr(archive, "HERE", tmp_path)
     assert not archive.is_current(one)
