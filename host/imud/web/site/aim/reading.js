@@ -18,6 +18,8 @@ const WORDS = {
   off: "Move the cross into the circle",
 };
 
+const WARNING = "Green is a calculation, never a permission. This is no medical device.";
+
 const SINCE = { origin: ", since the origin", capture: ", since it was captured" };
 
 /**
@@ -81,6 +83,7 @@ export class Reading {
       this._sigma,
       this._advice,
       this._goal,
+      make("p", { class: "muted small", "data-part": "warning" }, WARNING),
       make(
         "dl",
         { class: "differences" },
