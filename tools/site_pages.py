@@ -20,28 +20,33 @@ PICTURES = Path("docs/pictures")
 
 # Pages as people look for them; each page of docs/ is in one of these.
 TREE = {
+    "Start": ("README", "safety", "install"),
     "Use": (
-        *("build", "install", "flash", "first-contact", "check", "imud", "page"),
+        *("build", "flash", "first-contact", "check", "imud", "page"),
         *("calibration", "testplan"),
         *("tip", "strokes", "limb", "params", "logs", "import", "card", "glossary"),
     ),
     "Poses in your program": (
-        *("pose", "subscribe", "languages", "stream", "ros2", "slicer", "angles"),
-        *("clock", "fleet"),
+        *("pose", "status", "since-origin", "subscribe", "languages", "stream", "ros2"),
+        *("slicer", "angles", "clock", "fleet"),
     ),
     "Boards": ("nano", "f405", "pico", "micropython", "udp", "ports", "no-port"),
     "How far to trust it": (
-        *("honesty", "motions", "faults", "twin", "fuse-on-host", "security", "proof"),
+        *("limits", "accuracy", "honesty", "motions", "faults", "twin"),
+        *("fuse-on-host", "security", "proof"),
     ),
-    "Develop": ("architecture", "motion-files"),
+    "Develop": ("architecture", "change", "followed", "motion-files"),
 }
 # Beside docs/.
 OTHERS = (
     *("protocol/PROTOCOL.md", "hardware/README.md", "CONTRIBUTING.md"),
-    "CHANGELOG.md",
+    *("SECURITY.md", "CHANGELOG.md"),
 )
 # Files that pages link to, and that are given as they are.
-GIVEN = ("examples", "tests/test_house.py", "LICENSE")
+GIVEN = (
+    *("examples", "benchmarks/results", "tests/test_house.py", "LICENSE"),
+    "firmware/micropython/pico/main.py",
+)
 
 CONF = """\
 project = "imu-probe"
@@ -90,9 +95,18 @@ def stage(source: Path, version: str) -> None:
     (source / "conf.py").write_text(CONF.format(version=version))
     (source / "templates" / "versions.html").write_text(VERSIONS)
     for page in source.rglob("*.md"):
-        told = page.read_text("utf-8")
-        # There the first page is called otherwise.
-        page.write_text(re.sub(r"(\]\((?:\.\./)*)README\.md", r"\1index.md", told))
+        page.write_text(with_index(page.read_text("utf-8"), page, source), "utf-8")
+
+
+def with_index(text: str, page: Path, source: Path) -> str:
+    """The text of a page, whose links to the README lead to the site's first page."""
+
+    def renamed(link: re.Match[str]) -> str:
+        target = (page.parent / link[1] / "README.md").resolve()
+        is_first = target == (source / "README.md").resolve()
+        return f"]({link[1]}index.md" if is_first else link[0]
+
+    return re.sub(r"\]\(((?:\.\./)*)README\.md", renamed, text)
 
 
 def tree() -> Iterator[str]:

@@ -22,6 +22,27 @@ def test_each_page_is_in_the_tree(monkeypatch: pytest.MonkeyPatch) -> None:
         list(site_pages.tree())
 
 
+@pytest.mark.parametrize(
+    ("page", "link", "there"),
+    [
+        ("docs/install.md", "../README.md", "../index.md"),
+        (
+            "docs/decisions/0001-wire.md",
+            "../../README.md#limits",
+            "../../index.md#limits",
+        ),
+        ("CONTRIBUTING.md", "README.md", "index.md"),
+        ("docs/install.md", "README.md", "README.md"),
+        ("docs/decisions/0001-wire.md", "../README.md", "../README.md"),
+    ],
+)
+def test_only_the_readme_of_the_project_is_the_first_page(
+    tmp_path: Path, page: str, link: str, there: str
+) -> None:
+    text = site_pages.with_index(f"see [it]({link}).", tmp_path / page, tmp_path)
+    assert text == f"see [it]({there})."
+
+
 def test_each_decision_is_listed() -> None:
     folder = checkout.ROOT / "docs" / "decisions"
     listed = (folder / "README.md").read_text("utf-8")
