@@ -87,7 +87,7 @@ class Lab:
         self.processes: list[Node | DaemonProcess] = []
         self.addresses: dict[str, str] = {}
         if shutil.which("ip") is None or not self._is_added("wan"):
-            # A container may forbid them: README.md, Limits.
+            # A container may forbid them: docs/limits.md.
             pytest.skip("needs root and `ip netns`: network namespaces can't be made")
         self._wan("link", "set", "lo", "up")
         self._run("netns", "exec", self.of("wan"), "sysctl", "-qw", FORWARD)

@@ -21,6 +21,6 @@ collect_ignore = choose(
 def stock() -> Path:
     path = Path(sys.prefix) / "bin" / "micropython"
     if not path.exists():
-        # Its wheels are for some Pythons only: README.md, Limits.
+        # Its wheels are for some Pythons only: docs/limits.md.
         pytest.skip("PyPI has no MicroPython for this Python")
     return path

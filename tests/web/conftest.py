@@ -27,7 +27,7 @@ def browser() -> Iterator[Browser]:
     """The system's Chromium, one for all tests of a file."""
     path = shutil.which("chromium")
     if path is None:
-        # As on Ubuntu, which has no package of it: README.md, Limits.
+        # As on Ubuntu, which has no package of it: docs/limits.md.
         pytest.skip("chromium is not there")
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS])
