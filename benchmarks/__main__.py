@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Runs the programs of `make bench WHAT=...`, one after the other, whether or not the
-one before misses a figure.
+one before misses a figure, and keeps what documents cite (kept.py).
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import argparse
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -108,12 +109,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     _, *programs = BENCHES[args.what]
     environment = {**os.environ, **ONE_THREAD.get(args.what, {})}
+    since = time.time()
     status = 0
     for program in programs:
         path, *options = program.split()
         words = [sys.executable, str(Path(__file__).parent / path), *options]
         done = subprocess.run(words, env=environment, check=False)
         status = status or done.returncode
+    from benchmarks import kept  # needs what the set-up installs after --check
+
+    kept.keep_all(args.what, since)
     return status
 
 

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""Writes the results that documents cite to benchmarks/results/NAME.json.
+
+`make bench WHAT=...` does so after its programs. `python -m benchmarks.kept NAME` takes
+the file that a program wrote to build/benchmarks. Partial results, as of --trials or
+--quick, are refused. tools/figures.py compares the documents with these files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.common import scoring
+from benchmarks.common.figure import SETS
+from benchmarks.common.paths import PROJECT, RESULTS
+
+FOLDER = PROJECT / "benchmarks" / "results"
+DIGITS = 6  # significant ones of a float; documents show fewer
+
+Results = dict[str, Any]
+
+
+class NotWholeError(Exception):
+    """The results are those of a part of the benchmark; the message says which."""
+
+
+def named(figures: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+    """The values of required figures by their names."""
+    return {figure["name"]: figure["value"] for figure in figures}
+
+
+def demand(is_whole: bool, what: str) -> None:
+    """Raise NotWholeError if the results are partial."""
+    if not is_whole:
+        raise NotWholeError(what)
+
+
+def recordings(found: Results) -> Results:
+    """Of accuracy/recordings.py: means by group and engine, shares inside."""
+    trials = found["trials"]
+    demand(len(trials) == scoring.TRIALS, f"{len(trials)} recordings")
+    demand(not found["body_bias_ut"], "--body-bias")
+    biased: dict[str, list[float]] = {}
+    for trial in trials:
+        for engine, score in trial["body_bias_deg"].items():
+            biased.setdefault(engine, []).append(score["total"])
+    return {
+        "engines": found["engines"],  # with an image or without
+        "means_deg": found["means_deg"],
+        "coverage": found["coverage"],
+        "figures": named(found["figures"]),
+        "magnet_on_the_probe_deg": {
+            engine: sum(each) / len(each) for engine, each in biased.items()
+        },
+    }
+
+
+def motions(found: Results) -> Results:
+    """Of accuracy/groups.py: each set and board, group by group."""
+    demand(found["sets"].keys() == SETS.keys(), f"sets {', '.join(found['sets'])}")
+    boards = {board for each in found["sets"].values() for board in each}
+    demand(len(boards) > 1, f"board {', '.join(boards)}")
+    groups = found["sets"]["judging"]["nano"]["groups"]
+    demand(len(groups) > 10, f"{len(groups)} groups")
+    return {
+        which: {
+            board: {"groups": one["groups"], "figures": named(one["figures"])}
+            for board, one in each.items()
+        }
+        for which, each in found["sets"].items()
+    }
+
+
+def grounds(found: Results) -> Results:
+    """Of honesty/grounds.py: each set, group by group."""
+    sets = found["sets"]
+    demand(sets.keys() == SETS.keys(), f"sets {', '.join(sets)}")
+    groups = sets["judging"]["groups"]
+    demand(len(groups) > 20, f"{len(groups)} groups")
+    fewest = min(each["count"] for each in groups.values())
+    demand(fewest >= 16, f"{fewest} seeds")
+    return {
+        which: {"groups": each["groups"], "figures": named(each["figures"])}
+        for which, each in sets.items()
+    }
+
+
+def desk(found: Results) -> Results:
+    """Of honesty/desk.py: each case of the seeds for judging."""
+    demand(found.keys() == SETS.keys(), f"sets {', '.join(found)}")
+    demand(len(found["judging"]["lines"]) > 40, "some groups")
+    return {
+        which: {
+            "cases": {
+                line["case"].replace(", ", " "): {
+                    name: value for name, value in line.items() if name != "case"
+                }
+                for line in each["lines"]
+            },
+            "figures": named(each["figures"]),
+        }
+        for which, each in found.items()
+    }
+
+
+def cycles(found: Results) -> Results:
+    """Of firmware/cycles.py: the image, and each filter alone."""
+    demand(found["seconds"] == 120.0, f"{found['seconds']:g} s")
+    kept = {name: found[name] for name in ("figures", "summary", "commanded")}
+    summary = found["summary"]
+    kept["summary"] = {
+        name: value for name, value in summary.items() if isinstance(value, int | float)
+    }
+    if "engines" in found:
+        kept["engines"] = found["engines"]
+        kept["images"] = {
+            name: image["cycles_mean"] for name, image in found["images"].items()
+        }
+    return kept
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A file in benchmarks/results: its benchmark, its source, the part to keep."""
+
+    what: str  # of `make bench WHAT=...`
+    source: str  # in build/benchmarks
+    part: Callable[[Results], Results]
+
+
+KEPT = {
+    "recordings": Kept("accuracy", "accuracy.json", recordings),
+    "recordings-f405": Kept("accuracy", "accuracy-f405.json", recordings),
+    "motions": Kept("accuracy", "groups.json", motions),
+    "honesty-grounds": Kept("honesty", "honesty-grounds.json", grounds),
+    "honesty-desk": Kept("honesty", "honesty-desk.json", desk),
+    "nano": Kept("nano", "cycles.json", cycles),
+    "f405": Kept("f405", "cycles-f405.json", cycles),
+}
+
+
+def rounded(value: Any) -> Any:
+    """Floats with DIGITS significant digits, so that files are short."""
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, Mapping):
+        return {name: rounded(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [rounded(each) for each in value]
+    return value
+
+
+def keep(name: str) -> None:
+    """Write a file of benchmarks/results; raises NotWholeError for partial results."""
+    one = KEPT[name]
+    found = json.loads((RESULTS / one.source).read_text("utf-8"))
+    kept = {"command": f"make bench WHAT={one.what}", **rounded(one.part(found))}
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(kept, indent=1) + "\n"
+    (FOLDER / f"{name}.json").write_text(text, "utf-8")
+
+
+def keep_all(what: str, since: float) -> None:
+    """Keep the results of `make bench WHAT=...` that were written since that time."""
+    for name, one in KEPT.items():
+        source = RESULTS / one.source
+        if one.what == what and source.exists() and source.stat().st_mtime >= since:
+            keep(name)
+            print(f"kept: {(FOLDER / name).relative_to(PROJECT)}.json")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Keep the named results."""
+    parser = argparse.ArgumentParser(prog="benchmarks.kept", description=__doc__)
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=KEPT)
+    for name in parser.parse_args(arguments).names:
+        try:
+            keep(name)
+        except FileNotFoundError as error:
+            sys.exit(
+                f"{error.filename} is not there: make bench WHAT={KEPT[name].what}"
+            )
+        except NotWholeError as error:
+            sys.exit(
+                f"{KEPT[name].source} is partial ({error}); run the whole benchmark"
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: MIT
+"""What stays of a benchmark's results, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks import kept
+
+
+def test_each_results_file_is_written_by_a_benchmark() -> None:
+    for path in kept.FOLDER.glob("*.json"):
+        command = json.loads(path.read_text("utf-8"))["command"]
+        assert command == f"make bench WHAT={kept.KEPT[path.stem].what}"
+
+
+@pytest.mark.parametrize(
+    ("part", "found"),
+    [
+        (kept.recordings, {"trials": [], "body_bias_ut": 0.0}),
+        (kept.motions, {"sets": {"judging": {}}}),
+        (kept.desk, {"judging": {}}),
+        (kept.grounds, {"sets": {"judging": {"groups": {}}, "tuning": {}}}),
+        (kept.cycles, {"seconds": 30.0}),
+    ],
+)
+def test_partial_results_are_refused(part, found) -> None:
+    with pytest.raises(kept.NotWholeError):
+        part(found)
+
+
+def test_floats_are_rounded_and_counts_are_not() -> None:
+    found = {"a": [0.123456789, 12345678, None, "x"], "b": {"c": 1234567.8}}
+    assert kept.rounded(found) == {
+        "a": [0.123457, 12345678, None, "x"],
+        "b": {"c": 1234570.0},
+    }
+
+
+def test_only_results_of_this_run_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(kept, "RESULTS", tmp_path)
+    monkeypatch.setattr(kept, "FOLDER", kept.PROJECT / "build" / "kept-by-a-test")
+    source = tmp_path / "cycles.json"
+    source.write_text(
+        json.dumps({"seconds": 120.0, "figures": {}, "summary": {}, "commanded": []})
+    )
+    written = source.stat().st_mtime
+    kept.keep_all("nano", written + 1.0)
+    kept.keep_all("accuracy", written)
+    assert capsys.readouterr().out == ""
+    kept.keep_all("nano", written)
+    assert capsys.readouterr().out == "kept: build/kept-by-a-test/nano.json\n"
+    (file,) = kept.FOLDER.iterdir()
+    assert json.loads(file.read_text())["command"] == "make bench WHAT=nano"
+    file.unlink()
+    kept.FOLDER.rmdir()
