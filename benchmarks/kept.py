@@ -95,32 +95,26 @@ def desk(found: Results) -> Results:
     demand(found.keys() == SETS.keys(), f"sets {', '.join(found)}")
     demand(len(found["judging"]["lines"]) > 40, "some groups")
     return {
-        which: {
-            "cases": {
-                line["case"].replace(", ", " "): {
-                    name: value for name, value in line.items() if name != "case"
-                }
-                for line in each["lines"]
-            },
-            "figures": named(each["figures"]),
-        }
-        for which, each in found.items()
+        "cases": {
+            line["case"].replace(", ", " "): {
+                name: value for name, value in line.items() if name != "case"
+            }
+            for line in found["judging"]["lines"]
+        },
+        "figures": named(found["judging"]["figures"]),
     }
 
 
 def cycles(found: Results) -> Results:
-    """Of firmware/cycles.py: the image, and each filter alone."""
+    """Of firmware/cycles.py: the image, and each filter alone if it was measured."""
     demand(found["seconds"] == 120.0, f"{found['seconds']:g} s")
-    kept = {name: found[name] for name in ("figures", "summary", "commanded")}
-    summary = found["summary"]
-    kept["summary"] = {
-        name: value for name, value in summary.items() if isinstance(value, int | float)
+    # A place in a document has colons between its keys.
+    figures = {
+        name.replace(": ", " "): value for name, value in found["figures"].items()
     }
+    kept: Results = {"figures": figures}
     if "engines" in found:
         kept["engines"] = found["engines"]
-        kept["images"] = {
-            name: image["cycles_mean"] for name, image in found["images"].items()
-        }
     return kept
 
 
