@@ -34,6 +34,11 @@ def named(figures: Iterable[Mapping[str, Any]]) -> dict[str, float]:
     return {figure["name"]: figure["value"] for figure in figures}
 
 
+def without_colons(found: Results) -> Results:
+    """With other names: a place in a document has colons between its keys."""
+    return {name.replace(": ", " "): value for name, value in found.items()}
+
+
 def demand(is_whole: bool, what: str) -> None:
     """Raise NotWholeError if the results are partial."""
     if not is_whole:
@@ -108,14 +113,16 @@ def desk(found: Results) -> Results:
 def cycles(found: Results) -> Results:
     """Of firmware/cycles.py: the image, and each filter alone if it was measured."""
     demand(found["seconds"] == 120.0, f"{found['seconds']:g} s")
-    # A place in a document has colons between its keys.
-    figures = {
-        name.replace(": ", " "): value for name, value in found["figures"].items()
-    }
-    kept: Results = {"figures": figures}
+    kept: Results = {"figures": without_colons(found["figures"])}
     if "engines" in found:
         kept["engines"] = found["engines"]
     return kept
+
+
+def positions(found: Results) -> Results:
+    """Of tip/positions.py: each way to find the tip."""
+    demand(found["runs"] >= 300, f"{found['runs']} runs")
+    return {"rows": without_colons(found["rows"])}
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +142,7 @@ KEPT = {
     "honesty-desk": Kept("honesty", "honesty-desk.json", desk),
     "nano": Kept("nano", "cycles.json", cycles),
     "f405": Kept("f405", "cycles-f405.json", cycles),
+    "tip-positions": Kept("tip", "tip-positions.json", positions),
 }
 
 

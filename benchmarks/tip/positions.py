@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: MIT
 """How well the tip is found from positions of the sensor that are known to 1 mm and
-attitudes that are known to 0.3 degrees. Prints a table; docs/tip.md explains it.
+attitudes that are known to 0.3 degrees. Prints a table and writes
+build/benchmarks/tip-positions.json; docs/tip.md explains it.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks.common.paths import RESULTS
 from imud.calibration.affine import MethodError
 from imud.calibration.algebra import onto, turn, units
 from imud.calibration.path import UP
 from imud.calibration.tip.positions import axis_of, circle, pivot, sphere
 from imud.rotation import FloatArray
+
+OUTPUT = RESULTS / "tip-positions.json"
 
 SEED, RUNS = 0x7199, 300
 LONG_M, ERROR_M, MISSED_DEG = 0.15, 1e-3, 0.3
@@ -108,6 +113,7 @@ ROWS: tuple[tuple[str, Callable[[np.random.Generator], Measured]], ...] = (
 
 def main() -> int:
     print(f"{'':48}{'found %':>9}{'median':>8}{'p95':>8}{'inside':>8}")
+    rows: dict[str, dict[str, float]] = {}
     for name, once in ROWS:
         random, found = np.random.default_rng(SEED), []
         for _ in range(RUNS):
@@ -116,9 +122,18 @@ def main() -> int:
             except MethodError:
                 continue
         errors, stated = np.array(found).T
-        share, inside = 100.0 * len(found) / RUNS, 100.0 * np.mean(errors <= stated)
-        p95 = np.quantile(errors, 0.95)
-        print(f"{name:48}{share:9.0f}{np.median(errors):8.2f}{p95:8.2f}{inside:8.1f}")
+        row = rows[name] = {
+            "found": 100.0 * len(found) / RUNS,
+            "median": float(np.median(errors)),
+            "p95": float(np.quantile(errors, 0.95)),
+            "inside": 100.0 * float(np.mean(errors <= stated)),
+        }
+        print(
+            f"{name:48}{row['found']:9.0f}{row['median']:8.2f}{row['p95']:8.2f}"
+            f"{row['inside']:8.1f}"
+        )
+    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
+    OUTPUT.write_text(json.dumps({"runs": RUNS, "rows": rows}, indent=1) + "\n")
     return 0
 
 

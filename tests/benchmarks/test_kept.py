@@ -25,6 +25,7 @@ def test_each_results_file_is_written_by_a_benchmark() -> None:
         (kept.desk, {"judging": {}}),
         (kept.grounds, {"sets": {"judging": {"groups": {}}, "tuning": {}}}),
         (kept.cycles, {"seconds": 30.0}),
+        (kept.positions, {"runs": 3, "rows": {}}),
     ],
 )
 def test_partial_results_are_refused(part, found) -> None:

@@ -64,13 +64,19 @@ def test_hands_of_all_kinds_slip_or_give_or_do_neither() -> None:
 
 
 def test_each_method_by_positions_is_measured(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     monkeypatch.setattr(positions, "RUNS", 3)
+    monkeypatch.setattr(positions, "OUTPUT", tmp_path / "results" / "positions.json")
     assert positions.main() == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 1 + len(positions.ROWS)
     assert "nan" not in "".join(lines)
+    written = json.loads(positions.OUTPUT.read_text())
+    assert written["runs"] == 3
+    assert list(written["rows"]) == [name for name, _ in positions.ROWS]
 
 
 @pytest.mark.nightly
