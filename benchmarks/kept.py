@@ -90,8 +90,11 @@ def grounds(found: Results) -> Results:
     fewest = min(each["count"] for each in groups.values())
     demand(fewest >= 16, f"{fewest} seeds")
     return {
-        which: {"groups": each["groups"], "figures": named(each["figures"])}
-        for which, each in sets.items()
+        "groups": groups,
+        "figures": {
+            which: without_colons(named(each["figures"]))
+            for which, each in sets.items()
+        },
     }
 
 
