@@ -17,6 +17,7 @@ DRIFT_MAX_M_S2_K = 255 / 12800  # the wire's largest
 REPEATS_M_S2 = 2.0 * MG
 # No temperature moves a bias by so much a kelvin: it was knocked, or is another one.
 IMPOSSIBLE_M_S2_K = 5.0 * MG
+DOUBT = 2.0  # sigmas beyond which what was known no longer holds
 
 
 def drift_of(
@@ -27,7 +28,8 @@ def drift_of(
 
     The slopes of the axes between both calibrations and their uncertainty, for slopes
     that are as likely to be those of a data sheet as of what was known before. The less
-    two calibrations tell, the more stays what was known.
+    two calibrations tell, the more stays what was known; what contradicts it is held
+    against the data sheet again.
     """
     if before is None:
         return None
@@ -43,6 +45,8 @@ def drift_of(
         return known
     noise_square = before.sigma**2 + after.sigma**2 + REPEATS_M_S2**2
     prior = (known or DRIFT_M_S2_K) ** 2
+    if moved_square > DOUBT**2 * (prior * apart_k**2 + noise_square):
+        prior = max(prior, DRIFT_M_S2_K**2)
     # Of the slopes this share of `moved * apart_k` is believed, and this share of the
     # noise is the variance that is left.
     trust = prior / (prior * apart_k**2 + noise_square)

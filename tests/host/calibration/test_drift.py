@@ -78,6 +78,12 @@ def test_a_third_calibration_keeps_what_two_have_told() -> None:
     assert 0.6 < far < 60.0 / 40.0 / math.sqrt(3.0)
 
 
+def test_a_third_calibration_may_contradict_what_two_have_told() -> None:
+    known = msgspec.structs.replace(COLD, drift_m_s2_k=0.08 * MG)
+    far = learned_mg_k(found_at(50.0, (22.0, -17.0, 42.0)), known)  # 0.4 mg/K
+    assert far == pytest.approx(0.4, rel=0.05)
+
+
 def test_no_drift_is_larger_than_the_wire_can_say() -> None:
     assert drift_of(COLD, found_at(30.0, (50.0, 35.0, 60.0)), COUNT) == DRIFT_MAX_M_S2_K
 
