@@ -30,7 +30,10 @@ TREE = {
         *("pose", "status", "since-origin", "subscribe", "languages", "stream", "ros2"),
         *("slicer", "angles", "clock", "fleet"),
     ),
-    "Boards": ("nano", "f405", "pico", "micropython", "udp", "ports", "no-port"),
+    "Boards": (
+        *("nano", "mega", "f405", "pico", "micropython"),
+        *("udp", "ports", "no-port"),
+    ),
     "How far to trust it": (
         *("limits", "accuracy", "honesty", "motions", "faults", "twin"),
         *("fuse-on-host", "security", "proof"),

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 Numbers = NDArray[np.int64]
 
-SCRIPT = Path(__file__).parents[2] / "firmware" / "avr" / "atmega328p.ld"
+SCRIPT = Path(__file__).parents[2] / "firmware" / "avr" / "nano" / "atmega328p.ld"
 BEGIN, END = "/* Order: begin */", "/* Order: end */"
 
 # Bytes from the end of a call to its target; less than there are, because sizes shift.

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.common.boards import F405
 from benchmarks.common.capture import Capture
 from benchmarks.common.images import RunFailed
 from benchmarks.strokes import on_board
@@ -25,7 +26,7 @@ def run() -> Run:
 @pytest.fixture(scope="module")
 def capture(f405: Path, f405_image: Path, run: Run) -> Capture:
     assert f405.is_file()
-    return on_board.sent(f405_image, run)
+    return on_board.sent(F405, f405_image, run)
 
 
 @pytest.mark.nightly
