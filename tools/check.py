@@ -114,10 +114,10 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "generated files", (python, "protocol/generate.py", "--check")
     yield "MicroPython", (python, "tools/micropython_build.py", "check")
     yield "cppcheck", (*CPPCHECK, *INCLUDES, *portable, *chips)
-    yield (
-        "cppcheck, avr",
-        (*CPPCHECK, "--platform=avr8", "--library=avr", *INCLUDES, *avr),
-    )
+    for board in ("nano", "mega"):
+        pins = f"-Ifirmware/avr/{board}"
+        words = (*CPPCHECK, "--platform=avr8", "--library=avr", *INCLUDES, pins, *avr)
+        yield f"cppcheck, {board}", words
     yield (
         "cppcheck, stm32",
         (
