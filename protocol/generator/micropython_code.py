@@ -21,7 +21,7 @@ from micropython import const
 
 '''
 
-# What a probe without the module sends and obeys.
+# Messages and commands of a probe without the module.
 SENT = ("hello", "raw", "pose", "event", "status", "equipment", "params", "reply")
 MESSAGES = (*SENT, "command")
 ENUMS = ("command", "event", "cause", "result", "state", "sensor", "filter", "board")
@@ -31,7 +31,7 @@ ROW = 16  # bytes in a line
 
 
 def value_of(field: Field, schema: Schema) -> bytes:
-    """What a field holds before it is filled in."""
+    """The value of a field before it is filled in."""
     if field.name == "protocol_version":
         return bytes([schema.version])
     if field.name == "schema_fingerprint":
