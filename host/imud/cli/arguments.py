@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the commands' parsers share: how a command is added, common arguments, types.
+"""Shared by the commands' parsers: adding a command, common arguments, types.
 
 A type raises argparse.ArgumentTypeError for text that it refuses, which ends the
 program with exit code 2.
@@ -62,8 +62,8 @@ def add_network(parser: argparse.ArgumentParser) -> None:
         "--keys",
         metavar="FILE",
         type=Path,
-        help="your credentials, if the daemon requires them: the clients/NAME.toml "
-        "that imud keys made; it also says where the daemon listens",
+        help="your credentials, if the daemon requires them: the file "
+        "clients/NAME.toml from imud keys; it also has the daemon's address",
     )
 
 

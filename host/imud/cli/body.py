@@ -24,8 +24,8 @@ def add(commands: Commands) -> None:
         "body",
         "show and publish the joint angles of several probes on a limb",
         "imud body leg.toml --log logs, with imud run in another terminal",
-        "It says what to do to align the probes, then prints the angles of the joints "
-        "with their errors (degrees) once a second, and publishes the key "
+        "It guides you through aligning the probes, then prints the joint angles and "
+        "their errors (degrees) once a second, and publishes them on "
         "imud/body/NAME/state. docs/limb.md describes FILE.",
     )
     body.add_argument(
@@ -35,8 +35,8 @@ def add(commands: Commands) -> None:
         "--connect",
         metavar="ENDPOINT",
         action="append",
-        help="where a daemon (imud run) listens; again for each further daemon. The "
-        f"state is published to the first (default: {ENDPOINT})",
+        help="address of a daemon (imud run); repeat it for each further daemon. "
+        f"The state is published to the first (default: {ENDPOINT})",
     )
     body.add_argument(
         "--prefix",
@@ -48,8 +48,8 @@ def add(commands: Commands) -> None:
         "--keys",
         metavar="FILE",
         type=Path,
-        help="credentials of the role daemon, if the daemons require them: the "
-        "clients/NAME.toml that imud keys made",
+        help="credentials of the role daemon, if the daemons require them: the file "
+        "clients/NAME.toml from imud keys",
     )
     _add_manner(body)
     _add_outputs(body)
@@ -69,14 +69,14 @@ def _add_manner(body: argparse.ArgumentParser) -> None:
         metavar="MS",
         type=whole(10, 2000),
         default=DELAY_MS,
-        help="wait so long for the poses of all probes (default: %(default)s)",
+        help="milliseconds to wait for the poses of all probes (default: %(default)s)",
     )
     body.add_argument(
         "--rate",
         metavar="HZ",
         type=whole(1, 100),
         default=RATE_HZ,
-        help="states a second (default: %(default)s)",
+        help="states per second (default: %(default)s)",
     )
     body.add_argument(
         "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
@@ -95,7 +95,9 @@ def _add_outputs(body: argparse.ArgumentParser) -> None:
     )
     body.add_argument("--log", metavar="DIR", type=Path, help="log the states (MCAP)")
     body.add_argument(
-        "--json", action="store_true", help="print one state a line, as published"
+        "--json",
+        action="store_true",
+        help="print each state as one JSON line, as published",
     )
 
 

@@ -27,7 +27,7 @@ class Printer:
         if state.instruction != self._instruction:
             self._instruction = state.instruction
             self._print(
-                f"{state.body}: {state.instruction or 'aligned; go on as you like'}"
+                f"{state.body}: {state.instruction or 'aligned; move as you like'}"
             )
         for remark in state.remarks:
             if remark not in self._remarks:
@@ -39,7 +39,7 @@ class Printer:
             self._missing = state.missing
             away = [f"{s.name} {s.presence}" for s in state.segments]
             away = [s for s in away if not s.endswith(" ok")]
-            self._print(f"{state.body}: {', '.join(away) or 'all probes are there'}")
+            self._print(f"{state.body}: {', '.join(away) or 'all probes are present'}")
         time_s = state.t_ns * 1e-9
         if time_s - self._printed_s >= PRINT_S:
             self._printed_s = time_s

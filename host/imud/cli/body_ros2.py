@@ -19,7 +19,7 @@ NODE = "imud_body"
 
 
 def messages(state: BodyState) -> Iterator[RosMessage]:
-    """The ROS 2 messages of a state; what is missing is in none of them."""
+    """The ROS 2 messages of a state, without missing joints and segments."""
     body = topics.ros_name(state.body)
     names, angles = [], []
     for joint in state.joints:

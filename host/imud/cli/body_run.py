@@ -32,7 +32,7 @@ from imud.text_file import read_text
 
 WAITING_MAX = 20_000  # messages, of many probes in seconds
 
-Arrived = tuple[str, Delivery]  # a topic, and what came on it
+Arrived = tuple[str, Delivery]  # a topic, and its message
 
 _POSE, _RAW = msgspec.json.Decoder(Pose), msgspec.json.Decoder(Raw)
 _ENCODER = msgspec.json.Encoder()
@@ -59,7 +59,8 @@ class Where:
 
 @dataclass(frozen=True, slots=True)
 class How:
-    """What is published, and how. `facing_rad`: counterclockwise from east."""
+    """The published state, and its options. `facing_rad`: counterclockwise from
+    east."""
 
     facing_rad: float | None
     delay_s: float
@@ -78,8 +79,8 @@ def run(
     body = LiveBody(chain.read(read_text(file), str(file)), how.facing_rad, how.delay_s)
     if where.keys is not None and network.read_credentials(where.keys).role != "daemon":
         raise ConfigError(
-            f"{where.keys}: only a daemon may publish a body; imud keys add DIR daemon "
-            "NAME makes its file"
+            f"{where.keys}: only the role daemon may publish a body; create its file "
+            "with imud keys add DIR daemon NAME"
         )
     with contextlib.ExitStack() as stack:
         arrived: queue.Queue[Arrived] = queue.Queue(WAITING_MAX)

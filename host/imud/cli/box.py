@@ -27,7 +27,7 @@ SIDES = {
 }
 # From the world to the picture: turned about the vertical, then tipped to the eye.
 VIEW = turn(np.array([0.42, 0.0, 0.0])) @ turn(np.array([0.0, 0.0, -0.6]))
-EYE = -VIEW[1]  # towards whoever looks
+EYE = -VIEW[1]  # towards the viewer
 
 
 @dataclass(frozen=True, slots=True)

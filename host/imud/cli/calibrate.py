@@ -16,25 +16,25 @@ PARTS = {
     "all": "all three sensors at once (the default)",
     "acc": "the accelerometer alone, from stops",
     "gyro": "the gyroscope alone, from turns between stops",
-    "mag": "the magnetometer alone: wave the probe about",
+    "mag": "the magnetometer alone: wave the probe in all directions",
     "mount": "how the module is mounted in its housing: five poses, or --mount",
     "tip": "where the tip is: wobble the probe about it",
-    "verify": "check the calibration that is in force, in ten seconds",
-    "learned": "put in force what the daemon has learned from free motion",
-    "undo": "bring back the params of before",
+    "verify": "check the active calibration, in ten seconds",
+    "learned": "activate the calibration that the daemon learned from free motion",
+    "undo": "restore the previous params",
 }
 METHODS = {
     "guided": "ours",
     "positions": "Rozanowski's six positions and ellipsoid",
     "extremes": "NECTEC's smallest and largest reading (magnetometer)",
-    "extremes-as-printed": "the same with the loop of its paper, which skips an axis",
-    "half-turns": "the thesis' half turns on a level table",
+    "extremes-as-printed": "the same with the loop from its paper, which skips an axis",
+    "half-turns": "half turns on a level table, from the thesis",
 }
 TIP_METHODS = {
-    "dimple": "wobble it in a dimple (the default)",
+    "dimple": "wobble the tip in a dimple (the default)",
     "sphere": "--positions of the sensor while the tip stays in one place",
     "circle": "--positions while it is turned about its upright axis",
-    "points": "the thesis' three or four --positions",
+    "points": "three or four --positions, from the thesis",
     "tape": "--offset-mm, measured with a rule",
 }
 
@@ -44,25 +44,25 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "calibrate",
-        "calibrate a probe: it says how to lay it, and when it is good",
+        "calibrate a probe, guided step by step",
         "imud calibrate stylus",
         f"WHAT is {words}. docs/calibration.md is the guide.",
     )
     parser.add_argument(
-        "what", metavar="WHAT", nargs="?", default="all", help="all, if it is left out"
+        "what", metavar="WHAT", nargs="?", default="all", help="default: all"
     )
     add_probe(parser)
     parser.add_argument(
         "--dry-run",
         action="store_true",
-        help="show what would be put in force, and change nothing",
+        help="show the result without activating it",
     )
     parser.add_argument(
         "--from",
         dest="source",
         metavar="FILE",
         type=Path,
-        help="use the raw samples of a log or a capture; with --dry-run no daemon is "
+        help="use the raw samples in a log or capture; with --dry-run no daemon is "
         "needed",
     )
     parser.add_argument(
@@ -76,13 +76,13 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--mount",
         metavar="X,Y",
-        help="where the module's arrows x and y point in the housing, as back,left "
-        "(default: the first poses tell; with --from: as before)",
+        help="directions of the module's x and y arrows in the housing, such as "
+        "back,left (default: found in the first poses; with --from: unchanged)",
     )
     parser.add_argument(
         "--no-housing",
         action="store_true",
-        help="leave out the last two poses, which find how the sensor is turned in its "
+        help="skip the last two poses, which measure the sensor's rotation in its "
         "housing",
     )
     parser.add_argument(
@@ -104,9 +104,9 @@ def _add_tip(parser: argparse.ArgumentParser) -> None:
         help="a table of positions and attitudes of the sensor (CSV)",
     )
     for name, metavar, words in (
-        ("offset-mm", ("X", "Y", "Z"), "where the tip is from the sensor"),
-        ("axis", ("X", "Y", "Z"), "the probe's axis, out of the surface"),
-        ("distance-mm", None, "how far the tip is from the sensor"),
+        ("offset-mm", ("X", "Y", "Z"), "position of the tip relative to the sensor"),
+        ("axis", ("X", "Y", "Z"), "direction of the probe's axis, out of the surface"),
+        ("distance-mm", None, "distance from the sensor to the tip"),
         ("error-mm", None, "one-sigma error of each number (default: 1)"),
     ):
         count = 3 if metavar else None
@@ -117,7 +117,7 @@ def _add_tip(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     if args.what == "history":
-        args.parser.error("the history is that of the params: imud params history")
+        args.parser.error("for the history see: imud params history")
     if args.what not in PARTS:
         if args.probe is not None:
             args.parser.error(f"WHAT is {', '.join(PARTS)}, not {args.what}")

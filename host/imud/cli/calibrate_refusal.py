@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the parts of `imud calibrate` share: refusals, and the day."""
+"""Shared by the parts of `imud calibrate`: refusals, and the day."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ class CalibrationRefused(ImudError):
 
 def refusal(fault: CalibrationFault) -> CalibrationRefused:
     """The error of a calibration that is not good enough."""
-    return CalibrationRefused(f"refused: {fault}; what was in force still is")
+    return CalibrationRefused(
+        f"refused: {fault}; the previous calibration stays active"
+    )
 
 
 def today() -> datetime.date:

@@ -49,7 +49,7 @@ def live(client: Client, probe: str, args: argparse.Namespace) -> int:
             with screen.opened():
                 found = _followed(source.samples(), source.subject, screen, args)
         except Quit:
-            sys.stdout.write("given up; the calibration is as before\n")
+            sys.stdout.write("stopped; the calibration is unchanged\n")
             return 1
         if isinstance(found, Report):
             return calibrate_text.verified(probe, found)
@@ -80,15 +80,15 @@ def from_file(args: argparse.Namespace) -> int:
         reply = client.params(probe)
         if reply["probe_id"] != subject.probe_id and not args.force:
             raise CommandRefused(
-                f"{args.source} is of probe {subject.probe_id}, and {probe} is "
-                f"{reply['probe_id']}; --force takes it all the same"
+                f"{args.source} is from probe {subject.probe_id}, but {probe} is "
+                f"{reply['probe_id']}; use it anyway with --force"
             )
         before = Params.decode(bytes.fromhex(reply["bytes"]))
         subject = replace(subject, probe_id=reply["probe_id"], params=before)
         found = _of_samples(subject, samples, args)
         calibrate_text.outcome(probe, found, before)
         client.change_params(probe, found.params.encode(), reply["probe_id"])
-    sys.stdout.write(f"{probe}: params {found.params.digest:08x} are in force\n")
+    sys.stdout.write(f"{probe}: params {found.params.digest:08x} are active\n")
     return 0
 
 
@@ -98,8 +98,9 @@ def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
     learn = next(iter(client.statuses(probe)), {}).get("learn", {})
     if not learn.get("records"):
         raise CommandRefused(
-            f"nothing was learned of probe {probe}: it is {learn.get('state', 'off')}; "
-            "it has to send raw samples while it is turned about"
+            f"no learned calibration yet for probe {probe} (state: "
+            f"{learn.get('state', 'off')}); it must send raw samples while you rotate "
+            "it"
         )
     params = Params.decode(bytes.fromhex(learn["records"]))
     before = Params.decode(bytes.fromhex(reply["bytes"]))
@@ -110,7 +111,7 @@ def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
     if args.dry_run:
         return calibrate_text.not_changed(probe, params)
     client.change_params(probe, params.encode(), reply["probe_id"])
-    sys.stdout.write(f"{probe}: params {params.digest:08x} are in force\n")
+    sys.stdout.write(f"{probe}: params {params.digest:08x} are active\n")
     return 0
 
 
@@ -132,7 +133,7 @@ def _followed(
     screen: CalibrationScreen,
     args: argparse.Namespace,
 ) -> CalibrationResult | Report:
-    """What comes of samples as they arrive."""
+    """Evaluates samples as they arrive."""
     if args.what == "verify":
         return _verified(samples, subject, screen)
     if args.what == "tip":
@@ -254,7 +255,7 @@ def _of_wave(
 def _of_samples(
     subject: CalibratedProbe, samples: list[Sample], args: argparse.Namespace
 ) -> CalibrationResult:
-    """What comes of all samples of a file."""
+    """Evaluates all samples of a file."""
     if args.what == "tip":
         return calibrate_tip.of_samples(samples, subject, args.axis)
     if args.what == "mag":
@@ -281,7 +282,7 @@ def _of_stops(
     before: Params,
     args: argparse.Namespace,
 ) -> CalibrationResult:
-    """What comes of the stops of a recording."""
+    """Evaluates the stops of a recording."""
     if args.method != "guided":
         return of_method(recording, args.method, subject.scale, before, today())
     stops = find_stops(recording)
@@ -291,7 +292,7 @@ def _of_stops(
         fit, len(stops), has_mag=has_mag
     )
     if wrong is not None or fit is None:
-        raise refusal(wrong) if wrong else CalibrationRefused("there is nothing in it")
+        raise refusal(wrong) if wrong else CalibrationRefused("it is empty")
     turn = None if args.no_housing else housing.found(recording, fit)
     return result_of_fit(
         fit, subject.scale, before, turn, today(), sensors=SENSORS[args.what]

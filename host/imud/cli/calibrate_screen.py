@@ -52,7 +52,7 @@ def lines(probe: str, status: ProcedureStatus) -> list[Text]:
         line.append_text(right)
         shown.append(line)
     shown.append(Text(" X is its front, / its base", style="dim"))
-    shown.append(Text("Enter judges what there is; q gives up", style="dim"))
+    shown.append(Text("Enter evaluates now; q stops without changes", style="dim"))
     return shown
 
 
@@ -60,7 +60,7 @@ def _mounting(status: ProcedureStatus) -> str:
     """How the module is mounted, if that is worth a word."""
     if status.mount is None or status.mount.is_plain:
         return ""
-    return f"{status.mount.words}; that is taken into account"
+    return f"{status.mount.words}; the calibration allows for it"
 
 
 def _error(what: str, deg: float | None, *, is_good: bool) -> Text:

@@ -70,7 +70,9 @@ def _status(client: Client, probe: str) -> dict[str, Any]:
     until_s = time.monotonic() + STATUS_S
     while not (found := client.statuses(probe)):
         if time.monotonic() > until_s:
-            raise NoReply(f"no status of probe {probe} came: see what imud run says")
+            raise NoReply(
+                f"no status received from probe {probe}; see the output of imud run"
+            )
         time.sleep(TICK_S)
     return found[0]
 
@@ -168,8 +170,8 @@ class LiveSamples:
             if isinstance(message, Raw):
                 if message.t_device_us < last_us:
                     raise DeviceError(
-                        f"probe {self._probe} restarted: its calibration is as before; "
-                        "begin again"
+                        f"probe {self._probe} restarted: its calibration is "
+                        "unchanged; start again"
                     )
                 last_us, heard_s = message.t_device_us, time.monotonic()
                 yield sample_of(message)
@@ -179,14 +181,13 @@ class LiveSamples:
             if time.monotonic() - heard_s > SILENT_S:
                 raise NoReply(
                     f"no raw samples from probe {self._probe} for {SILENT_S:g} s: is "
-                    "it unplugged? Its calibration is as before"
+                    "it unplugged? Its calibration is unchanged"
                 )
             yield None
 
     def _is_changed(self) -> None:
         raise DeviceError(
-            f"the params of probe {self._probe} were changed by somebody else; begin "
-            "again"
+            f"another client changed the params of probe {self._probe}; start again"
         )
 
     def put_in_force(self, params: Params) -> None:
@@ -198,7 +199,7 @@ class LiveSamples:
 
 @dataclass(slots=True)
 class _Heard:
-    """What a file has of one boot of a probe, from one pause to the next."""
+    """Samples in a file from one boot of a probe, from one pause to the next."""
 
     hello: Mapping[str, Any]
     samples: list[Sample]
@@ -248,13 +249,13 @@ def _chosen(
         words = tally.damage.words()
         why = f" and is {words}" if words else ""
         raise FileError(
-            f"{path} holds no raw samples{why}; log them with streams = "
-            '["pose", "raw"] of the probe'
+            f"{path} has no raw samples{why}; set streams = "
+            '["pose", "raw"] for the probe, and log again'
         )
     if probe in pieces:
         return str(probe)
     if len(pieces) > 1:
-        raise ProbeUnknown(f"{path} holds {', '.join(pieces)}: name one of them")
+        raise ProbeUnknown(f"{path} holds {', '.join(pieces)}; choose one")
     return str(next(iter(pieces)))
 
 
@@ -264,8 +265,8 @@ def _subject(path: Path, name: str, best: _Heard, tally: Any) -> CalibratedProbe
     rate_hz = 1e6 / statistics.median(steps) if steps else 0.0
     if rate_hz < RATE_MIN_HZ:
         raise FileError(
-            f"{path}: {rate_hz:.0f} raw samples a second are too few; raw_rate of the "
-            f"probe has to be {RATE_MIN_HZ:g} or more"
+            f"{path}: {rate_hz:.0f} raw samples per second are too few; set the "
+            f"probe's raw_rate to {RATE_MIN_HZ:g} or more"
         )
     del samples[: -round(LONGEST_S * rate_hz)]
     heard = tally.probes.get(name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What came of a calibration, in words."""
+"""The result of a calibration, in words."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _lines(probe: str, found: CalibrationResult) -> Iterator[str]:
     for name in found.sensors:
         yield f"  {TITLES[name]:<14} {_left(found.params, name)}"
     if found.note is not None:
-        yield f"  the room       {found.note}"
+        yield f"  surroundings   {found.note}"
     if found.mount is not None:
         yield f"  mounting       {found.mount.words}"
     if found.housing_deg is not None:
@@ -75,22 +75,22 @@ def _tip(found: TipFound) -> Iterator[str]:
 
 
 def changed(probe: str, params: Params) -> int:
-    """Says what is in force."""
+    """Reports the active params."""
     sys.stdout.write(
-        f"{probe}: params {params.digest:08x} are in force; "
-        f"imud calibrate undo {probe} takes them back\n"
+        f"{probe}: params {params.digest:08x} are active; "
+        f"imud calibrate undo {probe} restores the previous ones\n"
     )
     return 0
 
 
 def not_changed(probe: str, params: Params) -> int:
-    """Says what would be in force."""
-    sys.stdout.write(f"{probe}: params {params.digest:08x} were not put in force\n")
+    """Reports params that were not activated."""
+    sys.stdout.write(f"{probe}: params {params.digest:08x} were not activated\n")
     return 0
 
 
 def _left(params: Params, name: str) -> str:
-    """What the fit of a sensor leaves over."""
+    """The residual of the fit of a sensor."""
     of = params.calibration(name)
     if of is None or of.residual is None:
         return "calibrated"
@@ -100,10 +100,10 @@ def _left(params: Params, name: str) -> str:
         return left if drift is None else f"{left}; {drift_words(drift)}"
     if name == "gyr":
         sure = f"; scale +-{100.0 * of.sigma:.2f} %" if of.sigma is not None else ""
-        return f"{57.29578 * of.residual:.2f} degrees left over after a turn{sure}"
-    words = f"{of.residual:.2f} uT left over"
+        return f"{57.29578 * of.residual:.2f} degrees residual after a turn{sure}"
+    words = f"{of.residual:.2f} uT residual"
     if of.norm_ut is not None and of.dip_deg is not None:
-        words += f"; field {of.norm_ut:.1f} uT, {of.dip_deg:.1f} degrees down"
+        words += f"; field {of.norm_ut:.1f} uT, dip {of.dip_deg:.1f} degrees"
     return words
 
 
@@ -115,5 +115,7 @@ def verified(probe: str, report: Report) -> int:
     if report.is_good:
         sys.stdout.write(f"{probe}: the calibration is good\n")
         return 0
-    sys.stdout.write(f"{probe}: calibrate what is not good: imud calibrate {probe}\n")
+    sys.stdout.write(
+        f"{probe}: recalibrate the sensors that are not good: imud calibrate {probe}\n"
+    )
     return 1

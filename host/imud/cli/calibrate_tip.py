@@ -45,7 +45,7 @@ def followed(
     screen: CalibrationScreen,
     axis: Axis,
 ) -> CalibrationResult:
-    """What comes of samples as they arrive."""
+    """Evaluates samples as they arrive."""
     guide = Dimpling(subject.scale, subject.params)
     for sample in samples:
         found = guide.feed(sample) if sample is not None else None
@@ -54,13 +54,13 @@ def followed(
         screen.show(guide.status())
         if found is not None:
             return _outcome(found, subject.params, axis)
-    raise CalibrationRefused("the samples ended too early; begin again")
+    raise CalibrationRefused("the samples ended too early; start again")
 
 
 def of_samples(
     samples: Sequence[Sample], subject: CalibratedProbe, axis: Axis
 ) -> CalibrationResult:
-    """What comes of all samples of a file: its first good wobble."""
+    """Evaluates all samples of a file: its first good wobble."""
     found: TipFound | CalibrationFault | None = None
     guide = Dimpling(subject.scale, subject.params)
     for sample in samples:
@@ -126,9 +126,9 @@ def _on_sphere(places: FloatArray, error_m: float) -> TipFound:
     ball = positions.sphere(places, error_m)
     distance = f"{1000.0 * ball.radius:.1f} +-{1960.0 * ball.sigma_m:.1f} mm"
     raise MethodError(
-        f"the tip is {distance} from the sensor (95 %), and in which direction a "
-        f"sphere does not tell: add columns {','.join(ATTITUDE)} with --method sphere, "
-        f"or use --method circle --distance-mm {1000.0 * ball.radius:.1f}"
+        f"the tip is {distance} from the sensor (95 %), but a sphere does not give "
+        f"its direction: add columns {','.join(ATTITUDE)} with --method sphere, or "
+        f"use --method circle --distance-mm {1000.0 * ball.radius:.1f}"
     )
 
 
@@ -140,7 +140,8 @@ def _on_circle(
 ) -> TipFound:
     if attitudes is None:
         raise MethodError(
-            f"a circle needs the attitude at each place: columns {','.join(ATTITUDE)}"
+            "a circle needs the attitude at each position: add the columns "
+            f"{','.join(ATTITUDE)}"
         )
     circle = positions.circle(places, error_m)
     axis = positions.axis_of(circle, attitudes)
@@ -165,7 +166,7 @@ def read(path: Path) -> tuple[FloatArray, FloatArray | None]:
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
     except csv.Error as error:
-        raise FileError(f"{path}: it is no CSV: {error}") from error
+        raise FileError(f"{path} is not a CSV file: {error}") from error
     if not rows or not set(PLACE) <= rows[0].keys():
         raise FileError(f"{path}: needs a first line {','.join(PLACE)}, and positions")
     places = _columns(path, rows, PLACE)
@@ -186,5 +187,5 @@ def _columns(
     except (TypeError, ValueError):
         found = np.full((1, 1), np.nan)
     if not np.isfinite(found).all():
-        raise FileError(f"{path}: {','.join(names)} are numbers in each line")
+        raise FileError(f"{path}: {','.join(names)} must be numbers in every line")
     return found

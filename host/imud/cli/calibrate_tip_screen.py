@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a terminal shows while a probe is wobbled about its tip."""
+"""The terminal's display while a probe is wobbled about its tip."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def tip_lines(probe: str, status: TipStatus) -> list[Text]:
     head.append(f"  {status.seconds:.0f} s", style="dim")
     filled = round(BAR * min(1.0, status.seconds / status.of_seconds))
     bar = "█" * filled + "░" * (BAR - filled)
-    far = "covered: each direction in which it leaned far"
+    far = "covered: each direction in which it tilted far enough"
     words = [
         Text(
             status.instruction, style="bold green" if status.phase == "done" else "bold"
@@ -37,7 +37,7 @@ def tip_lines(probe: str, status: TipStatus) -> list[Text]:
         shown.append(line)
     shown += [Text(""), _error(status), _swing(status)]
     shown.append(Text(status.trouble or "", style="yellow"))
-    shown.append(Text("Enter judges what there is; q gives up", style="dim"))
+    shown.append(Text("Enter evaluates now; q stops without changes", style="dim"))
     return shown
 
 
@@ -66,5 +66,5 @@ def _error(status: TipStatus) -> Text:
 def _swing(status: TipStatus) -> Text:
     if status.swing_deg is None or status.hz is None:
         return Text("")
-    how = f"{status.swing_deg:.0f} degrees to each side, {status.hz:.1f} a second"
+    how = f"{status.swing_deg:.0f} degrees to each side, at {status.hz:.1f} per second"
     return Text(f"wobble  {how}", style="dim")

@@ -77,14 +77,14 @@ def _add_read(card: Commands) -> None:
         "--recording",
         metavar="N",
         type=int,
-        help="read only recording N, as imud card list counts them (default: all)",
+        help="read only recording N in the list of imud card list (default: all)",
     )
     read.add_argument(
         "--started",
         metavar="UTC",
         type=_time_ns,
-        help="when the recording began; a probe has no calendar (default: device time, "
-        "counted from 1970)",
+        help="start time of the recording, as a probe has no calendar (default: "
+        "device time, counted from 1970)",
     )
     read.add_argument(
         "--prefix",

@@ -19,7 +19,7 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "completion",
-        "print what makes a shell complete imud's commands and options",
+        "print a script for shell completion of imud's commands and options",
         "imud completion bash > ~/.local/share/bash-completion/completions/imud",
     )
     parser.add_argument(

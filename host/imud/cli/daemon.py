@@ -36,9 +36,9 @@ def _add_run(commands: Commands) -> None:
     run.add_argument(
         "--twin",
         action="store_true",
-        help="compute each pose again from the raw samples and report the first one "
-        "that differs; this restarts a probe's calibration at rest and its origin "
-        "whenever it begins to stream",
+        help="recompute each pose from the raw samples and report the first that "
+        "differs; this restarts a probe's calibration at rest and its origin "
+        "whenever it starts to stream",
     )
     run.add_argument(
         "--log-level",
@@ -48,8 +48,8 @@ def _add_run(commands: Commands) -> None:
     run.add_argument(
         "--until-eof",
         action="store_true",
-        help="end when standard input is closed: with the program that started it, "
-        "however that ends",
+        help="exit when standard input closes, that is with the program that started "
+        "imud",
     )
     run.set_defaults(run=_run)
 
@@ -68,39 +68,39 @@ def _run_command(commands: Commands) -> argparse.ArgumentParser:
         metavar="PORT[@BAUD]",
         nargs="*",
         help="serial port of a probe; its baud rate is detected unless given "
-        "(default: the ports that are ours, as imud ports tells)",
+        "(default: the ports that imud ports lists as ours)",
     )
     run.add_argument(
         "--config",
         metavar="FILE",
         type=Path,
-        help="settings as TOML, as imud config prints them; arguments override them",
+        help="TOML file of settings, as printed by imud config; arguments override it",
     )
     log = run.add_mutually_exclusive_group()
     log.add_argument(
         "--log", metavar="DIR", type=Path, help="folder for the logs (default: logs)"
     )
-    log.add_argument("--no-log", action="store_true", help="write no log")
+    log.add_argument("--no-log", action="store_true", help="do not write a log")
     run.add_argument(
         "--listen",
         metavar="ENDPOINT",
-        help=f"where subscribers connect to (default: {ENDPOINT})",
+        help=f"address for subscribers (default: {ENDPOINT})",
     )
     run.add_argument(
         "--keys",
         metavar="DIR",
         type=Path,
-        help="admit only users with keys from this folder, which imud keys made "
-        "(default: no keys; then it listens on this machine only)",
+        help="admit only users with keys from this folder, created by imud keys "
+        "(default: no keys; it then listens on this machine only)",
     )
     page = run.add_mutually_exclusive_group()
     page.add_argument(
         "--page",
         metavar="HOST:PORT",
-        help="where browsers on this machine find the page; port 0: any that is free "
-        f"(default: {PAGE})",
+        help="address of the page on this machine; port 0: any free port (default: "
+        f"{PAGE})",
     )
-    page.add_argument("--no-page", action="store_true", help="serve no page")
+    page.add_argument("--no-page", action="store_true", help="do not serve the page")
     return run
 
 
@@ -113,13 +113,13 @@ def _add_config(commands: Commands) -> None:
     )
     what = settings.add_mutually_exclusive_group()
     what.add_argument(
-        "--check", metavar="FILE", type=Path, help="print each mistake in this file"
+        "--check", metavar="FILE", type=Path, help="print every mistake in this file"
     )
     what.add_argument(
         "--changed",
         metavar="FILE",
         type=Path,
-        help="print only what this file sets otherwise than by default",
+        help="print only the settings in this file that differ from the defaults",
     )
     settings.set_defaults(run=_config)
 
@@ -128,18 +128,18 @@ def _add_install_service(commands: Commands) -> None:
     install = add_command(
         commands,
         "install-service",
-        "make imud start with the machine, as a systemd service",
+        "start imud at boot, as a systemd service",
         "sudo imud install-service",
         "Writes a systemd unit, a udev rule and /etc/imud.toml.",
     )
     what = install.add_mutually_exclusive_group()
     what.add_argument(
-        "--print", action="store_true", help="only show what would be written"
+        "--print", action="store_true", help="show what would be written, and stop"
     )
     what.add_argument(
         "--remove",
         action="store_true",
-        help="remove what it wrote; settings, logs and params stay",
+        help="remove the service's files; settings, logs and params stay",
     )
     install.add_argument(
         "--user",
@@ -189,7 +189,7 @@ def _run(args: argparse.Namespace) -> int:
         return daemon.run(load)
     except ImudError as error:
         is_final = isinstance(error, ConfigError)
-        mend = "; mend that, then: systemctl restart imud" if is_final else ""
+        mend = "; correct it, then: systemctl restart imud" if is_final else ""
         Notifier().status(f"{error}{mend}")
         if not is_final:
             raise

@@ -22,7 +22,7 @@ def add(commands: Commands) -> None:
         "demo",
         "run virtual probes, the daemon and a subscriber on this machine",
         "imud demo --board both",
-        "The virtual probes run the images that are flashed. Ctrl-C ends all.",
+        "The virtual probes run the real firmware images. Ctrl-C ends everything.",
     )
     demo.add_argument(
         "--board",
@@ -31,12 +31,13 @@ def add(commands: Commands) -> None:
         help="which virtual probes (default: %(default)s)",
     )
     demo.add_argument(
-        "--seconds", type=above_zero, help="stop after so many seconds of poses"
+        "--seconds", type=above_zero, help="stop after N seconds of poses"
     )
     demo.add_argument(
         "--port",
         type=int,
-        help=f"of Zenoh, on loopback (default: {PORT}, or any free one if it is taken)",
+        help=f"Zenoh port on loopback (default: {PORT}, or any free one if that is "
+        "taken)",
     )
     demo.set_defaults(run=_demo)
 

@@ -40,7 +40,7 @@ NEXT = (
     ("imud demo --board both", "both boards at once"),
     ("imud sim nano --stream --link /tmp/probe", "a virtual probe to keep"),
     ("imud run /tmp/probe", "the daemon, in another terminal"),
-    ("imud view", "the page, or imud monitor for the terminal, in a third"),
+    ("imud view", "open the page, or imud monitor in a third terminal"),
     ("imud flash --board nano", "the same firmware into a real board"),
 )
 
@@ -123,7 +123,7 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
                 *("--log", str(room()), "--listen", endpoint, "--page", page),
             )
         )
-        wait_for(lambda: answers(port), START_S, daemon, f"nothing at {endpoint}")
+        wait_for(lambda: answers(port), START_S, daemon, f"no daemon at {endpoint}")
         client = stack.enter_context(Client(endpoint))
         tallies: defaultdict[str, PoseTally] = defaultdict(PoseTally)
 
@@ -139,17 +139,19 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
         sys.stdout.write(f"the page is at http://{page}: open it in a browser\n")
         are = "the probes lie" if len(boards) > 1 else "the probe lies"
         sys.stdout.write(f"{are} still for a moment, for the gyroscope's bias\n")
-        sys.stdout.write("nothing is calibrated: heading shows once it has turned\n")
+        sys.stdout.write(
+            "not calibrated: the heading appears once the probe has turned\n"
+        )
         sys.stdout.flush()
         wait_for(
-            lambda: len(tallies) == len(boards), FIRST_POSE_S, daemon, "no pose came"
+            lambda: len(tallies) == len(boards), FIRST_POSE_S, daemon, "no pose arrived"
         )
         listened = listen(endpoint, seconds)
         statuses = client.statuses()
         children = (*probes.values(), daemon)
         ended = [process.name for process in children if not process.is_alive()]
         logs = sorted(p for p in room().glob("*.mcap") if p.stat().st_mtime >= begun_s)
-    faults = [f"{name} ended by itself; see {room()}" for name in ended]
+    faults = [f"{name} ended unexpectedly; see {room()}" for name in ended]
     faults += [] if listened == 0 else [f"imud listen ended with {listened}"]
     heard = {str(status["hello"]["board"]): status for status in statuses}
     if sorted(heard) != sorted(boards) or len(statuses) != len(boards):
@@ -186,10 +188,10 @@ def free_port(usual: int, wanted: int | None = None) -> int:
             except OSError as error:
                 if wanted is not None:
                     raise DemoError(
-                        f"port {wanted} of 127.0.0.1 is taken, likely by another imud "
-                        "or demo; stop that one, or name another port"
+                        f"port {wanted} of 127.0.0.1 is in use, likely by another "
+                        "imud or demo; stop that one, or choose another port"
                     ) from error
-                sys.stdout.write(f"port {usual} is taken, likely by another imud\n")
+                sys.stdout.write(f"port {usual} is in use, likely by another imud\n")
             else:
                 return int(probe.getsockname()[1])
     raise DemoError("the system has no free port on 127.0.0.1")
@@ -252,7 +254,7 @@ def wait_for(
     until_s = time.monotonic() + seconds
     while not is_there():
         if not needed.is_alive():
-            raise DemoError(f"{needed.name} ended by itself:{needed.last_words()}")
+            raise DemoError(f"{needed.name} ended unexpectedly:{needed.last_words()}")
         if time.monotonic() > until_s:
             raise DemoError(f"{complaint} in {seconds:.0f} s;{needed.last_words()}")
         time.sleep(0.05)
@@ -280,9 +282,11 @@ def judge(tally: PoseTally, status: dict[str, Any]) -> list[str]:
     """List what is wrong with one probe's poses and ledger."""
     faults = []
     if abs(tally.rate_hz - RATE_HZ) > RATE_TOLERANCE_HZ:
-        faults.append(f"{tally.rate_hz:.1f} poses a second, not {RATE_HZ:.0f}")
+        faults.append(f"{tally.rate_hz:.1f} poses per second, not {RATE_HZ:.0f}")
     if tally.delay_share > DELAY_SHARE:
-        faults.append(f"poses came {tally.delay_share:.0%} slower than they were taken")
+        faults.append(
+            f"poses came {tally.delay_share:.0%} slower than they were sampled"
+        )
     if tally.missing:
         faults.append(f"{tally.missing} poses did not arrive")
     ledger = status["ledger"]
@@ -300,7 +304,7 @@ def report(
 ) -> int:
     is_plain = not sys.stdout.isatty() or "NO_COLOR" in os.environ
     red, green, end = ("", "", "") if is_plain else ("\x1b[31m", "\x1b[32m", "\x1b[0m")
-    verdict = f"{red}not as it should be{end}" if faults else f"{green}all well{end}"
+    verdict = f"{red}failed{end}" if faults else f"{green}all well{end}"
     sys.stdout.write(f"\n{verdict}\n")
     for board, tally in tallies.items():
         sys.stdout.write(
@@ -315,7 +319,7 @@ def report(
     if faults:
         return 1
     further = [
-        (f"imud decode {os.path.relpath(log)}", "each message in words")
+        (f"imud decode {os.path.relpath(log)}", "print each message")
         for log in logs[:1]
     ]
     further += NEXT

@@ -46,7 +46,7 @@ ROOMS = (
 
 
 class _Parser(GroupedParser):
-    """That of `imud` itself."""
+    """The parser of `imud` itself."""
 
     groups: ClassVar = {
         "the daemon": ("run", "config", "install-service", "keys"),
@@ -118,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"imud: {plain(text)}\n")
         return 1
     except MemoryError:
-        sys.stderr.write("imud: the memory of this machine is full; close something\n")
+        sys.stderr.write("imud: out of memory; close other programs\n")
         return 1
     except KeyboardInterrupt:
         return 130  # 128 + SIGINT, as shells say it
@@ -139,7 +139,7 @@ def program() -> NoReturn:
         sys.stderr.write(f"imud: {error}\n")
         status = 1
     except Exception as fault:  # noqa: BLE001 - a fault of imud's own, told on one line
-        sys.stderr.write(f"imud: a fault of its own: {described(fault)}\n")
+        sys.stderr.write(f"imud: internal error: {described(fault)}\n")
         if os.environ.get("IMUD_TRACEBACK"):
             traceback.print_exc()
         status = FAULT

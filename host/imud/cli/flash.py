@@ -22,8 +22,8 @@ def add(commands: Commands) -> None:
         "flash",
         "write firmware into a board, and keep its params",
         "imud flash /dev/ttyUSB0",
-        "It borrows the port from imud run if that has it, writes through the board's "
-        "bootloader, reads everything back and waits for the probe: docs/flash.md.",
+        "It borrows the port from imud run if necessary, writes through the board's "
+        "bootloader, verifies everything and waits for the probe: docs/flash.md.",
     )
     flash.add_argument(
         "port",
@@ -35,33 +35,35 @@ def add(commands: Commands) -> None:
     flash.add_argument(
         "--board",
         choices=BOARDS,
-        help="for a board without our firmware (default: what the probe says it is)",
+        help="board type, for a board without our firmware (default: from the "
+        "probe's hello)",
     )
     flash.add_argument(
         "--image",
         metavar="FILE",
         type=Path,
-        help="Intel HEX file, or UF2 for a Pico (default: the one of "
-        "imu-probe-firmware, or of this checkout)",
+        help="Intel HEX file, or UF2 for a Pico (default: from imu-probe-firmware, "
+        "or from this checkout)",
     )
     flash.add_argument(
         "--filter",
         choices=FILTERS,
-        help="of a Nano, which has room for one (default: the one it has, or fuse)",
+        help="filter of a Nano, which has room for one (default: its current one, or "
+        "fuse)",
     )
     flash.add_argument(
         "--by",
         choices=("dfu", "serial"),
-        help="of an F405: by dfu-util over its own USB port, or by a cable at its "
+        help="way to flash an F405: dfu-util over its USB port, or a cable at its "
         "bootloader's pins (default: dfu if dfu-util is installed)",
     )
     flash.add_argument(
-        "--dry-run", action="store_true", help="say what would be written, and stop"
+        "--dry-run", action="store_true", help="show what would be written, and stop"
     )
     flash.add_argument(
         "--force",
         action="store_true",
-        help="also an image that is older, the same, or speaks another protocol",
+        help="also write an image that is older, the same, or has another schema",
     )
     # Its page has begun it, and answers on stdin: cli/flash_desk.py.
     flash.add_argument("--for-page", action="store_true", help=argparse.SUPPRESS)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Who a flash asks about the probe: a client of the daemon, or the page of the daemon
-that has started `imud flash` beside itself, by lines of JSON on stdin and stdout.
+"""The source of information about the probe for a flash: a client of the daemon, or the
+page of the daemon that has started `imud flash` beside itself, by lines of JSON on
+stdin and stdout.
 
 To the page: `{"ask": "status"}`, "params" or "command", each answered by a line with
 `value` or `error`; `{"share": 0.4}`, how much is written; `{"error": "..."}`, why it
@@ -24,7 +25,7 @@ SHARE_S = 0.1  # between two lines of progress
 
 
 class FlashDesk(Protocol):
-    """Of imud.client.Client, what a flash needs."""
+    """The part of imud.client.Client that a flash needs."""
 
     def statuses(self, probe: str | None = None) -> list[dict[str, Any]]: ...
     def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]: ...
@@ -61,7 +62,7 @@ class PageDesk:
     def params(self, probe: str) -> dict[str, Any]:
         found = self._ask("params")
         if not found:
-            raise CommandRefused(f"the params of {probe} are not known")
+            raise CommandRefused(f"the params of {probe} are unknown")
         return dict(found)
 
     def change_params(self, probe: str, records: bytes) -> dict[str, Any]:
@@ -76,7 +77,7 @@ class PageDesk:
         self.tell(ask=what, **fields)
         line = self._lines.readline()
         if not line:
-            raise LinkError("the page has ended")
+            raise LinkError("the page is closed")
         answer = msgspec.json.decode(line, type=PageAnswer)
         if answer.error:
             raise CommandRefused(answer.error)

@@ -28,14 +28,16 @@ def keep(desk: FlashDesk, status: dict[str, Any], *, is_forced: bool) -> None:
     if status["state"] == "gone":
         return
     if status["state"] == "other schema":
-        _say("its params can't be read by this imud: flashing leaves them alone")
+        _say("this imud can't read its params: flashing does not change them")
         return
     try:
         before = _of(desk, name)
     except FlashError as error:
         if is_forced:
             return
-        raise FlashError(f"{error}; --force flashes it without having them") from error
+        raise FlashError(
+            f"{error}; flash it without saving them with --force"
+        ) from error
     path = _path(status)
     path.parent.mkdir(parents=True, exist_ok=True)
     file.write(path, before, str(status["probe_id"]))
@@ -43,24 +45,25 @@ def keep(desk: FlashDesk, status: dict[str, Any], *, is_forced: bool) -> None:
 
 
 def restore(desk: FlashDesk, status: dict[str, Any]) -> None:
-    """Compares the params in force with those of the probe's file, if there is one, and
+    """Compares the active params with those of the probe's file, if there is one, and
     loads these if they differ. FlashError with where they are if that does not work.
     """
     name = str(status["probe"])
     now, path = _of(desk, name), _path(status)
     if not path.exists():
-        _say(f"in force: {_named(now)}")
+        _say(f"active: {_named(now)}")
         return
     before = file.read(path).params
     if now.digest != before.digest:
-        _say(f"in force: {_named(now)}; those from before are loaded")
+        _say(f"active: {_named(now)}; loading the previous ones")
         try:
             desk.change_params(name, before.encode())
         except ImudError as error:
             raise FlashError(
-                f"the params are not back ({error}): imud params load {name} {path}"
+                f"the params were not restored ({error}): imud params load {name} "
+                f"{path}"
             ) from error
-    _say(f"in force, as before: {_named(before)}")
+    _say(f"active, as before: {_named(before)}")
     path.unlink(missing_ok=True)
 
 
@@ -70,7 +73,7 @@ def _path(status: dict[str, Any]) -> Path:
 
 
 def _of(desk: FlashDesk, name: str) -> Params:
-    """The params in force, once the probe has told them all; FlashError if it does not,
+    """The active params, once the probe has sent them all; FlashError if it does not,
     or if they can't be read.
     """
     until_s = time.monotonic() + PARAMS_S
@@ -79,7 +82,7 @@ def _of(desk: FlashDesk, name: str) -> Params:
             return Params.decode(bytes.fromhex(desk.params(name)["bytes"]))
         except ImudError as error:
             if time.monotonic() > until_s:
-                text = f"{name} does not tell its params ({error})"
+                text = f"{name} does not send its params ({error})"
                 raise FlashError(text) from error
         time.sleep(TICK_S)
 

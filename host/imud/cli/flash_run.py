@@ -52,7 +52,7 @@ def _run_for_page(args: argparse.Namespace) -> int:
     try:
         statuses = desk.statuses(args.port)
         if not statuses:
-            raise ProbeUnknown(f"no probe {args.port} is there")
+            raise ProbeUnknown(f"there is no probe {args.port}")
         return _flash_probe(args, desk, statuses[0], args.port)
     except ImudError as error:
         desk.tell(error=str(error))
@@ -71,7 +71,7 @@ def _found(args: argparse.Namespace, stack: contextlib.ExitStack) -> Reached | N
         stack.close()  # its daemon has the port open
         if args.board is None:
             raise ProbeUnknown(
-                f"{error}; if the board has no firmware of ours, say what it is: "
+                f"{error}; if the board has no firmware of ours, pass its type: "
                 f"{COMMAND} {args.port or 'PORT'} --board nano"
             ) from error
         return None
@@ -83,14 +83,14 @@ def _flash_unknown(args: argparse.Namespace) -> int:
     is_usb = write is _by_dfu or (write is _by_drive and args.port is None)
     port = USB if is_usb else args.port or only_port(COMMAND)
     image = _chosen(args, args.board, {})
-    _say(f"{port}: {BOARDS[args.board]}, as you say; no firmware of ours answers")
+    _say(f"{port}: {BOARDS[args.board]}, as given; no firmware of ours answers")
     _say_image(image)
     if args.dry_run:
         _say("nothing was written")
         return 0
     _write(write, args.board, port, image, None)
     if write in BY_HAND or port == USB:
-        _say("see imud list once it is wired as it is used")
+        _say("see imud list once it is wired for use")
         return 0
     with contextlib.ExitStack() as stack:
         found = reached.probe(args, port, COMMAND, stack)
@@ -122,7 +122,7 @@ def _flash_probe(
     with _lent(desk, name) as port:
         _write(write, kind, port, image, desk)
     if write in BY_HAND:
-        _say("wire it as it is used (docs/f405.md), take BOOT0 off, and press RST")
+        _say("wire it for use (docs/f405.md), disconnect BOOT0, and press RST")
     now = _back(desk, name, image)
     _say(f"firmware {hello['firmware']} -> {now['hello']['firmware']}")
     had, has = hello.get("filter"), now["hello"]["filter"]
@@ -137,7 +137,7 @@ def _chosen(args: argparse.Namespace, kind: str, hello: dict[str, Any]) -> Image
     if args.image is not None:
         path = args.image
         if args.filter is not None:
-            raise FlashError("--filter chooses an image: leave it or --image out")
+            raise FlashError("--filter chooses an image: leave out --filter or --image")
     else:
         if kind != "nano" and args.filter is not None:
             raise FlashError(
@@ -148,13 +148,13 @@ def _chosen(args: argparse.Namespace, kind: str, hello: dict[str, Any]) -> Image
     image = firmware.read(path)
     if image.board != kind:
         raise FlashError(
-            f"{path} is for {BOARDS[str(image.board)]}, and the board is "
+            f"{path} is for {BOARDS[str(image.board)]}, but the board is "
             f"{BOARDS.get(kind, kind)}"
         )
     if image.about is None and args.board is None:
         raise FlashError(
-            f"{path} has no {firmware.MANIFEST} beside it, so that nothing tells whose "
-            f"firmware it is; if you built it for this board: --board {kind}"
+            f"{path} has no {firmware.MANIFEST} beside it, so its origin is unknown; "
+            f"if you built it for this board: --board {kind}"
         )
     return image
 
@@ -179,17 +179,17 @@ def _check_step(hello: dict[str, Any], image: Image, *, is_forced: bool) -> None
         return
     if about.schema != f"{FINGERPRINT:08x}":
         raise FlashError(
-            f"the image speaks schema {about.schema}, and this imud {FINGERPRINT:08x}: "
-            "install the imud of its version, or use --force"
+            f"the image has schema {about.schema}, but this imud {FINGERPRINT:08x}: "
+            "install the matching version of imud, or use --force"
         )
     has = str(hello.get("firmware", ""))
     is_same_filter = about.filter in (ALL_FILTERS, hello.get("filter"))
     if about.version == has and is_same_filter and not has.endswith("-d"):
-        raise FlashError(f"the board has {has} already; --force writes it again")
+        raise FlashError(f"the board already has {has}; write it again with --force")
     if _release(about.version) < _release(has):
         raise FlashError(
-            f"the image is {about.version}, older than the board's {has}; --force "
-            "writes it all the same"
+            f"the image is {about.version}, older than the board's {has}; write it "
+            "anyway with --force"
         )
 
 
@@ -236,11 +236,11 @@ def _write(
         except HalfWritten as error:
             bar.end()
             if tries_left > 0 and Path(port).exists():
-                _say(f"{error}: once more")
+                _say(f"{error}; retrying")
                 continue
             raise FlashError(
-                f"{error}: the board has no firmware that runs, and its bootloader "
-                f"waits; plug it in and run: {again}"
+                f"{error}: the board has no working firmware, but its bootloader is "
+                f"ready; plug it in and run: {again}"
             ) from error
         except FlashError as error:
             holders = ", ".join(map(str, holders_of(port)))
@@ -248,7 +248,7 @@ def _write(
             raise FlashError(f"{error}{hint}; nothing was written") from error
         except KeyboardInterrupt:
             bar.end()  # what is said comes below it
-            _say(f"stopped: the board may have no firmware that runs; run: {again}")
+            _say(f"stopped: the board may have no working firmware; run: {again}")
             raise
         finally:
             bar.end()
@@ -269,7 +269,7 @@ def _back(desk: FlashDesk, name: str, image: Image) -> dict[str, Any]:
         time.sleep(TICK_S)
     raise FlashError(
         f"{name} was written, but does not answer after {BACK_S:g} s; "
-        "unplug it, plug it in, and see imud list"
+        "unplug it, plug it in again, and check with imud list"
     )
 
 
@@ -287,8 +287,8 @@ def _writer(args: argparse.Namespace, kind: str) -> Write:
     if kind in ("nano", "mega", "pico"):
         raise FlashError("--by is for an F405; this board has one way: leave it out")
     raise FlashError(
-        f"this is {BOARDS.get(kind, kind)}, which is not flashed by imud: "
-        "docs/micropython.md says how"
+        f"this is {BOARDS.get(kind, kind)}, which imud does not flash: see "
+        "docs/micropython.md"
     )
 
 

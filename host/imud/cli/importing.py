@@ -22,11 +22,11 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "import",
-        "make a log of what others have recorded: CSV, npz, Parquet, ROS bags",
+        "convert recordings of other programs to a log: CSV, npz, Parquet, ROS bags",
         "imud import walk.csv --map acc=ax,ay,az --unit gyr=deg/s --axes mag=y,x,-z",
-        "What is not told is guessed by names of columns and by what numbers can be, "
-        "and shown: docs/import.md. Commands that take a log take such a file, too, if "
-        "nothing has to be told.",
+        "Columns and units that you don't name are guessed from column names and "
+        "plausible values, and shown: docs/import.md. Commands that take a log also "
+        "take such a file if it needs no options.",
     )
     parser.add_argument(
         "file",
@@ -38,9 +38,22 @@ def add(commands: Commands) -> None:
         "--to", metavar="LOG", type=Path, help="the log (default: FILE.mcap beside it)"
     )
     for option, metavar, words in (
-        ("map", "WHAT=COLUMNS", "columns of acc, gyr, mag (three) or time, by name"),
-        ("unit", "WHAT=UNIT", "g, deg/s, uT, ms, ...; 0.061mg is what a count is"),
-        ("axes", "WHAT=AXES", "where the columns point in the body, as y,x,-z"),
+        (
+            "map",
+            "WHAT=COLUMNS",
+            "names of the columns for acc, gyr, mag (three each) or time",
+        ),
+        (
+            "unit",
+            "WHAT=UNIT",
+            "g, deg/s, uT, ms, ...; a number in front is the size of one count: "
+            "0.061mg",
+        ),
+        (
+            "axes",
+            "WHAT=AXES",
+            "directions of the columns in the body frame, such as y,x,-z",
+        ),
     ):
         parser.add_argument(
             f"--{option}", metavar=metavar, action="append", default=[], help=words
@@ -49,7 +62,7 @@ def add(commands: Commands) -> None:
         "--rate",
         metavar="HZ",
         type=above_zero,
-        help="rows a second, of a table without times",
+        help="rows per second, for a table without times",
     )
     parser.add_argument(
         "--dry-run", action="store_true", help="show what would be read, and stop"
@@ -68,7 +81,7 @@ def _import(args: argparse.Namespace) -> int:
         return 0
     log = args.to or args.file.with_name(f"{args.file.stem}.mcap")
     if log.exists():
-        raise FileError(f"{log} is there already; name another one with --to")
+        raise FileError(f"{log} already exists; choose another file with --to")
     probe = foreign_log.write(found, args.file, log)
     sys.stdout.write(f"{log}: probe {probe}; imud info {log}\n")
     return 0
@@ -80,8 +93,11 @@ def _told(args: argparse.Namespace) -> ForeignMap:
     told = ForeignMap(rate_hz=args.rate)
     for name, text in _pairs(args.map, "map"):
         columns = tuple(column.strip() for column in text.split(","))
-        if len(columns) != (1 if name == "time" else 3):
-            raise ConfigError(f"--map {name}: {len(columns)} columns were named")
+        wanted = 1 if name == "time" else 3
+        if len(columns) != wanted:
+            raise ConfigError(
+                f"--map {name} needs {wanted}, not {len(columns)} columns"
+            )
         told.columns[name] = columns
     for name, text in _pairs(args.unit, "unit"):
         told.units[name], told.named[name] = unit_of(name, text), text
@@ -95,6 +111,6 @@ def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals or name not in NAMES:
-            raise ConfigError(f"--{option} {text}: say {' or '.join(NAMES)}, then =")
+            raise ConfigError(f"--{option} {text}: write {' or '.join(NAMES)}, then =")
         found.append((name, value))
     return found

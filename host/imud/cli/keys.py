@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Who may use a daemon over the network: `imud keys init`, `add` and `remove`;
+"""Users of a daemon over the network: `imud keys init`, `add` and `remove`;
 and the keys of probes that send datagrams: `imud keys probe`.
 """
 
@@ -22,8 +22,8 @@ def add(commands: Commands) -> None:
         "keys",
         "create the keys that admit users to a daemon",
         "imud keys init keys --name probes.example.org",
-        "Each user gets a file with a certificate and a password, and a role that "
-        "says what the user may do.",
+        "Each user gets a file with a certificate and a password, and a role with "
+        "its permissions.",
     ).add_subparsers(metavar="COMMAND", required=True)
     init = add_command(
         keys,
@@ -38,7 +38,7 @@ def add(commands: Commands) -> None:
         metavar="HOST",
         action="append",
         default=[],
-        help="host name or address by which users reach the daemon; may be repeated "
+        help="host name or address of the daemon for its users; may be repeated "
         "(default: this machine's name; localhost and 127.0.0.1 are always included)",
     )
     init.add_argument(
@@ -53,9 +53,9 @@ def add(commands: Commands) -> None:
     renew = add_command(
         keys,
         "renew",
-        "sign the daemon's certificate anew, before or after it expires",
+        "renew the daemon's certificate, before or after it expires",
         "imud keys renew keys",
-        "The users' files stay good.",
+        "The users' files stay valid.",
     )
     _add_dir(renew)
     renew.set_defaults(run=_renew)
@@ -87,7 +87,7 @@ def _add_probe(keys: Commands) -> None:
     probe = add_command(
         keys,
         "probe",
-        "create the key of a probe that sends datagrams",
+        "create a key for a probe that sends datagrams",
         "imud keys probe keys c65c26226523f231",
     )
     probe.add_argument(

@@ -46,7 +46,7 @@ _STATES = {"streaming": "green", "idle": "cyan", "gone": "red", "silent": "red"}
 
 @dataclass(slots=True)
 class Shown:
-    """What the screen knows of a probe."""
+    """The screen's data of a probe."""
 
     name: str
     pose: Pose | None = None
@@ -104,7 +104,7 @@ def head_of(shown: Shown, now_s: float) -> Text:
 
 
 def loss_of(shown: Shown) -> Text:
-    """What was lost on the way, and where."""
+    """The losses on the way, and where they occurred."""
     text = Text()
     if shown.status is None:
         return text
@@ -112,7 +112,7 @@ def loss_of(shown: Shown) -> Text:
     total = totals(ledger)
     counts = (total.lost, ledger["corrupt"], shown.missed.network + shown.missed.queue)
     wire = f"lost {total.lost} of {total.sent}, {counts[1]} corrupt"
-    wire += f", {counts[2]} on the way here"
+    wire += f", {counts[2]} in transit"
     return text.append(wire, style="red" if any(counts) else "default")
 
 
@@ -152,7 +152,7 @@ def block_of(shown: Shown, now_s: float) -> list[Text]:
 
 
 def concern_lines(shown: Shown) -> list[Text]:
-    """What is wrong with the sensors of a probe."""
+    """Problems of a probe's sensors."""
     sensors = shown.status.sensors if shown.status else {}
     is_bad = not sensors.get("is_working", True) or bool(sensors.get("flags"))
     return [
@@ -203,7 +203,7 @@ class MonitorScreen:
                 body += lines
         if len(body) > room:
             left_out = len(body) - room + 1
-            words = f"and {left_out} more: make the window taller"
+            words = f"and {left_out} more; enlarge the window"
             body = [*body[: room - 1], Text(words)]
         return body
 

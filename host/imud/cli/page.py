@@ -77,8 +77,8 @@ class Distant:
         answer: Answer,
         _by: str,
     ) -> None:
-        """Has a command carried out, without waiting for it. To the daemon it is one
-        of the network, whoever gave it here.
+        """Executes a command without waiting for it. To the daemon it is a command from
+        the network, whichever browser sent it.
         """
         self._workers.submit(self._ask, probe, command, parameters, answer)
 

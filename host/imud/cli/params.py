@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What turns a probe's readings into poses: `imud params show PROBE`, `save`, `load`,
-`clear` and `history`.
+"""The params, which turn a probe's readings into poses: `imud params show PROBE`,
+`save`, `load`, `clear` and `history`.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ def add(commands: Commands) -> None:
     params = add_command(
         commands,
         "params",
-        "show, save or change what turns a probe's readings into poses",
+        "show, save or change a probe's params: calibration, tip and options",
         "imud params show stylus",
-        "The params of a probe are its calibration, its tip and its options; "
-        "docs/params.md explains them.",
+        "The params turn a probe's readings into poses; docs/params.md explains them.",
     )
     actions = params.add_subparsers(metavar="COMMAND", required=True)
     _add_show(actions)
@@ -36,7 +35,7 @@ def _add_show(actions: Commands) -> None:
     show = add_command(
         actions,
         "show",
-        "print the params that are in force",
+        "print the active params",
         "imud params show stylus --json",
     )
     _add_probe(show)
@@ -51,7 +50,7 @@ def _add_save(actions: Commands) -> None:
     save = add_command(
         actions,
         "save",
-        "write the params to a file that people can read",
+        "save the params to a readable file",
         "imud params save stylus stylus.toml",
     )
     _add_probe(save)
@@ -67,9 +66,9 @@ def _add_load(actions: Commands) -> None:
     load = add_command(
         actions,
         "load",
-        "put the params of a file in force, all of them or none",
+        "load params from a file, all of them or none",
         "imud params load stylus stylus.toml --dry-run",
-        "Prints what changes. The filter begins anew if a calibration changes.",
+        "Prints what changes. The filter restarts if a calibration changes.",
     )
     _add_probe(load)
     load.add_argument(
@@ -81,7 +80,9 @@ def _add_load(actions: Commands) -> None:
         "the tip of a printed handle",
     )
     load.add_argument(
-        "--force", action="store_true", help="also load params of another probe"
+        "--force",
+        action="store_true",
+        help="load them even if they are from another probe",
     )
     load.add_argument(
         "--dry-run", action="store_true", help="print what would change, and stop"
@@ -94,9 +95,9 @@ def _add_clear(actions: Commands) -> None:
     clear = add_command(
         actions,
         "clear",
-        "remove all params: readings are used as the sensor gives them",
+        "remove all params: readings are used uncorrected",
         "imud params clear stylus",
-        "The history keeps those that were in force.",
+        "The history keeps the removed params.",
     )
     _add_probe(clear)
     add_network(clear)
@@ -107,9 +108,9 @@ def _add_history(actions: Commands) -> None:
     history = add_command(
         actions,
         "history",
-        "list the params that came into force, the newest first",
+        "list all params that were active, the newest first",
         "imud params history stylus",
-        "The daemon keeps them; [params] history in its settings says where.",
+        "The daemon keeps them, in the folder [params] history of its settings.",
     )
     _add_probe(history)
     add_network(history)

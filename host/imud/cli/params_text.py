@@ -41,7 +41,7 @@ def show(client: Client, probe: str, *, as_json: bool) -> int:
 
 
 def _own_field(client: Client, probe: str) -> dict[str, Any] | None:
-    """What the status tells of the field that the probe kept."""
+    """The own field that the probe stored, from its status."""
     for status in client.statuses(probe):
         found: dict[str, Any] | None = status["params"].get("own_field")
         return found
@@ -71,7 +71,7 @@ def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
     yield from _titled("options", [words + str(options.reference)])
     if params.unknown:
         tags = ", ".join(f"{tag} ({len(b)} bytes)" for tag, b in params.unknown.items())
-        yield from _titled("unknown", [f"records of other firmware, kept: {tags}"])
+        yield from _titled("unknown", [f"records of other firmware (kept): {tags}"])
     for fault in params.faults():
         yield from _titled("fault", [fault])
 
@@ -108,8 +108,8 @@ def drift_words(drift_m_s2_k: float) -> str:
 
 
 def _made(method: object, day: object, temperature_c: float | None) -> str:
-    how = f"method {method}" if method not in (None, "unknown") else "method not known"
-    when = f"on {day}" if day is not None else "on a day not known"
+    how = f"method {method}" if method not in (None, "unknown") else "unknown method"
+    when = f"on {day}" if day is not None else "on an unknown day"
     at = f", at {temperature_c:.1f} degC" if temperature_c is not None else ""
     return f"calibrated {when}, {how}{at}"
 
@@ -163,8 +163,8 @@ def load(
     probe_id = reply["probe_id"]
     if wanted.probe_id not in (None, probe_id) and not is_forced:
         raise CommandRefused(
-            f"these are the params of probe {wanted.probe_id}, and {probe} is "
-            f"{probe_id}; --force loads them all the same"
+            f"these params are from probe {wanted.probe_id}, but {probe} is "
+            f"{probe_id}; load them anyway with --force"
         )
     return _change(client, probe, wanted, reply, is_forced=is_forced, is_dry=is_dry)
 
@@ -210,7 +210,7 @@ def undo(client: Client, probe: str, *, is_dry: bool = False) -> int:
         kept = kept[kept.index(current["digest"]) + 1 :]
     earlier = next((each for each in kept if each != current["digest"]), None)
     if earlier is None and not _decoded(current).records:
-        raise CommandRefused(f"{probe} has no params, and none were in force before")
+        raise CommandRefused(f"{probe} has no params, and had none before")
     wanted = ParamsFile(Params())
     if earlier is not None:
         wanted = of_history(client, probe, earlier)
@@ -229,7 +229,7 @@ def _change(
     before, after = _decoded(current), wanted.params
     digest = f"{after.digest:08x}"
     if before.encode() == after.encode():
-        sys.stdout.write(f"{probe}: params {digest} are in force already\n")
+        sys.stdout.write(f"{probe}: params {digest} are already active\n")
         return 0
     for line in differences(before, after):
         sys.stdout.write(f"{line}\n")
@@ -243,7 +243,7 @@ def _change(
         probe, after.encode(), wanted.probe_id or "", is_forced=is_forced
     )
     sys.stdout.write(
-        f"{probe}: params {digest} are in force; before: {current['digest']}\n"
+        f"{probe}: params {digest} are active; before: {current['digest']}\n"
     )
     return 0
 
@@ -292,7 +292,7 @@ def _cells(params: Params) -> Iterator[tuple[str, str]]:
 def history(client: Client, probe: str) -> int:
     kept = client.params_history(probe)
     if not kept["entries"]:
-        sys.stdout.write(f"{probe}: no params came into force so far\n")
+        sys.stdout.write(f"{probe}: no params were active so far\n")
         return 0
     in_force = client.params(probe)["digest"]
     for entry in kept["entries"]:
@@ -300,7 +300,7 @@ def history(client: Client, probe: str) -> int:
         time = f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {stamp[9:11]}:{stamp[11:13]}"
         is_now = digest == in_force
         in_force = None if is_now else in_force
-        words = f"{time} UTC  {digest}{'  in force' if is_now else ''}"
+        words = f"{time} UTC  {digest}{'  active' if is_now else ''}"
         sys.stdout.write(f"{words}\n")
-    sys.stdout.write(f"imud params {probe} load DIGEST brings one back\n")
+    sys.stdout.write(f"imud params {probe} load DIGEST restores one\n")
     return 0

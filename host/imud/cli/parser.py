@@ -47,7 +47,7 @@ class Parser(argparse.ArgumentParser):
         commands = self._commands()
         if len(words) > 1 and words[0] not in commands and words[1] in commands:
             first = f"{self.prog} {words[1]} {words[0]}"
-            self.error(f"the command comes first: {first}")
+            self.error(f"put the command first: {first}")
         found, extras = super().parse_known_args(args, namespace)
         options = [text for text in extras if text.startswith("-")]
         known = [each for each in self._option_string_actions if each.startswith("--")]

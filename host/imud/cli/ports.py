@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from imud.ports.adopted import AdoptedPorts
     from imud.ports.local import LocalPorts
 
-# Of the service, for who runs this as root.
+# Settings of the service, used if this runs as root.
 SERVICE_SETTINGS = Path("/etc/imud.toml")
 
 ROOT = Path("/")
 
 NONE = """\
-no serial port; docs/no-port.md says why one may be missing: a cable without data \
+no serial port; docs/no-port.md lists the usual causes: a cable without data \
 wires, brltty, a group
 """
 
 RELOAD = """\
-to have ModemManager know it, and /dev/imu-probe its links:
+to tell ModemManager, and to create the links in /dev/imu-probe:
   udevadm control --reload && udevadm trigger --subsystem-match=tty
 """
 
@@ -36,10 +36,10 @@ def add(commands: Commands) -> None:
     ports = add_command(
         commands,
         "ports",
-        "show the serial ports, who has them, and which ones imud opens",
+        "show the serial ports, which programs use them, and which ones imud opens",
         "imud ports, and then: imud ports adopt /dev/ttyUSB0",
-        "imud opens no port that may be another program's, until a person adopts it or "
-        "names it: imud run PORT.",
+        "imud does not open a port that may belong to another program until you "
+        "adopt it or name it: imud run PORT.",
     )
     _add_config(ports)
     ports.add_argument(
@@ -51,8 +51,12 @@ def add(commands: Commands) -> None:
     ports.set_defaults(run=_list)
     actions = ports.add_subparsers(metavar="[adopt|release]")
     for name, text, run in (
-        ("adopt", "let imud open this port from now on: a probe is on it", _adopt),
-        ("release", "leave this port to others from now on", _release),
+        (
+            "adopt",
+            "let imud open this port from now on, as a probe is connected to it",
+            _adopt,
+        ),
+        ("release", "stop imud from opening this port", _release),
     ):
         action = add_command(actions, name, text, f"imud ports {name} /dev/ttyUSB0")
         action.add_argument("port", metavar="PORT", help="such as /dev/ttyUSB0")
@@ -110,7 +114,7 @@ def _adopt(args: argparse.Namespace) -> int:
 def _release(args: argparse.Namespace) -> int:
     ports = _ports(args)
     is_known = ports.release(args.port)
-    what = "is left to others from now on" if is_known else "was not ours"
+    what = "is left to other programs from now on" if is_known else "was not ours"
     sys.stdout.write(f"{args.port} {what}: {ports.adopted.path}\n")
     _tell_service(ports.adopted)
     return 0
@@ -126,8 +130,8 @@ def _tell_service(adopted: AdoptedPorts) -> None:
         return
     if adopted.path.parent != SERVICE_FOLDER:
         sys.stdout.write(
-            "that holds for a daemon that you run; the service has its own: sudo imud "
-            "ports\n"
+            "this applies to daemons that you run; the service has its own list: sudo "
+            "imud ports\n"
         )
     elif (ROOT / udev.PLACE).exists():
         write(ROOT / udev.ADOPTED_PLACE, udev.adopted_rules(adopted.known))

@@ -24,7 +24,7 @@ from imud.wire import schema
 TERMINAL_S = 0.1
 PIPE_S = 1.0
 
-# After so many seconds without a pose, a hint says what to do.
+# Seconds without a pose until a hint is shown.
 HINT_S = 3.0
 
 # A convention of docs/angles.md, or the rotation matrix.
@@ -35,7 +35,7 @@ _HEADER = struct.Struct(schema.HEADER)
 
 @dataclass(slots=True)
 class Reception:
-    """What this process received from one probe."""
+    """The messages that this process received from one probe."""
 
     poses: int = 0
     has_frames: bool = True  # False: its keys allow poses only, which have numbers too
@@ -251,7 +251,7 @@ def _summary(probes: dict[str, Reception], out: TextIO) -> int:
         out.write(
             f"{name}: {received.poses} poses received, {received.mean_hz:.1f} Hz, "
             f"{received.missing} {'messages' if received.has_frames else 'poses'} "
-            "missing by sequence\n"
+            "missing (sequence gaps)\n"
         )
         if received.status:
             out.write(f"  {ledger_words(received.status)}\n")

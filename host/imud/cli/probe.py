@@ -37,11 +37,11 @@ def _add_name(commands: Commands) -> None:
         "name",
         "give a probe a name",
         "imud name 00112233445566aa stylus",
-        "The daemon keeps it, whatever port the probe is plugged into. Programs that "
-        "subscribe find the probe under its new name: imud/stylus/pose.",
+        "The daemon keeps the name, on any port. Subscribers find the probe under "
+        "its new name: imud/stylus/pose.",
     )
-    name.add_argument("probe", metavar="PROBE", help="the name or id that it has now")
-    name.add_argument("name", metavar="NAME", help="the new one, without / and spaces")
+    name.add_argument("probe", metavar="PROBE", help="its current name or id")
+    name.add_argument("name", metavar="NAME", help="the new name, without / and spaces")
     add_network(name)
     name.set_defaults(run=_name)
 
@@ -50,16 +50,16 @@ def _add_mark(commands: Commands) -> None:
     mark = add_command(
         commands,
         "mark",
-        "put a value or a note into the log, with where the tip is",
+        "put a value or a note into the log, with the position of the tip",
         "imud mark stylus 0.42 --note 'second press'",
-        "It is published on imud/PROBE/mark with the pose of that moment and its "
-        "errors, logged, shown on the page, and a table of imud export.",
+        "The mark is published on imud/PROBE/mark with the current pose and its "
+        "errors, logged, shown on the page, and exported as a table by imud export.",
     )
     mark.add_argument("probe", metavar="PROBE", help="name or id of the probe")
     mark.add_argument(
-        "value", metavar="VALUE", nargs="?", help="a number that was measured there"
+        "value", metavar="VALUE", nargs="?", help="a number measured there"
     )
-    mark.add_argument("--note", metavar="TEXT", help="words, at most 200 characters")
+    mark.add_argument("--note", metavar="TEXT", help="text of at most 200 characters")
     add_network(mark)
     mark.set_defaults(run=_mark)
 
@@ -72,9 +72,9 @@ def _mark(args: argparse.Namespace) -> int:
         found = client.command(probe, "mark", **arguments)["value"]
     place, error = found["position_m"], found["position_sigma_m"]
     if found["q"] is None:
-        where = "no pose of this moment: is it started?"
+        where = "no pose at this moment; start the stream with imud start"
     elif place is None:
-        where = "the place of its tip is not known"
+        where = "the position of its tip is unknown"
     else:
         mm = " ".join(f"{1000.0 * each:.1f}" for each in place)
         sure = "" if error is None else f" +-{1000.0 * error:.1f}"
@@ -87,10 +87,10 @@ def _name(args: argparse.Namespace) -> int:
     with client_of(args) as client:
         probe = client.only_probe(args.probe)
         reply = client.command(probe, "configure", rename=args.name)
-    sys.stdout.write(f"{probe} is called {args.name} now\n")
+    sys.stdout.write(f"{probe} is now called {args.name}\n")
     if not reply["value"]["is_kept"]:
         sys.stdout.write(
-            "until the daemon starts again or reads its configuration, which has "
+            "until the daemon restarts or reloads its configuration, which has "
             "another name for it\n"
         )
     return 0

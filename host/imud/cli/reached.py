@@ -55,7 +55,7 @@ def probe(
             raise
         if wanted is not None and not is_port:
             raise DaemonNotFound(
-                f"no imud run to ask for probe {wanted}; name its port instead, as "
+                f"no running daemon knows probe {wanted}; give its port instead: "
                 f"{command} /dev/ttyUSB0"
             ) from None
     else:
@@ -95,7 +95,7 @@ def _status(
             return named[0]
         names = ", ".join(str(each["probe"]) for each in found)
         if len(named) > 1:
-            raise ProbeUnknown(f"there are {len(named)} probes; name one: {names}")
+            raise ProbeUnknown(f"there are {len(named)} probes; choose one: {names}")
         if daemon is not None:
             daemon.check()
         if time.monotonic() > until_s:
@@ -103,11 +103,11 @@ def _status(
         time.sleep(TICK_S)
     if daemon is not None:
         raise NoProbeHere(
-            f"no probe on {daemon.port}: is it flashed (docs/flash.md), and is this "
-            "its port?"
+            f"no probe on {daemon.port}: check that it is flashed (docs/flash.md) and "
+            "that this is its port"
         )
     if name is not None and names:
-        raise ProbeUnknown(f"no probe {name} is there; name one: {names}")
+        raise ProbeUnknown(f"no probe {name}; choose one: {names}")
     raise ProbeUnknown(
-        f"imud run has no probe; plug one in, or name its port: {command} /dev/ttyUSB0"
+        f"imud run has no probe; plug one in, or give its port: {command} /dev/ttyUSB0"
     )

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from imud.cli.arguments import Commands
 
 
-A_LOG = "an MCAP file, or a capture of a UART; -: what comes on stdin"
+A_LOG = "an MCAP file, or a capture of a UART; -: standard input"
 
 
 def add(commands: Commands) -> None:
@@ -41,8 +41,8 @@ def _add_record(commands: Commands) -> None:
         "record",
         "write what daemons publish over the network to logs",
         "imud record --connect tcp/hub.example.org:7447 --keys recorder.toml",
-        "It hears all probes behind that router. The logs are those of imud run, with "
-        "a topic `gap` for messages that are missing by number. Ctrl-C ends it.",
+        "It records all probes behind that router. The logs are as from imud run, "
+        "with a topic `gap` for sequence gaps. Ctrl-C ends it.",
     )
     add_probe(record)
     record.add_argument(
@@ -56,7 +56,7 @@ def _add_record(commands: Commands) -> None:
         "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
     )
     record.add_argument(
-        "--json", action="store_true", help="print what came as one JSON object"
+        "--json", action="store_true", help="print a summary as one JSON object"
     )
     add_network(record)
     record.set_defaults(run=_record)
@@ -70,7 +70,7 @@ def _add_decode(commands: Commands) -> None:
         "imud decode logs/imud-20260102T030405Z.mcap --json",
     )
     decode.add_argument(
-        "file", metavar="FILE", type=Path, help="what to print; -: what comes on stdin"
+        "file", metavar="FILE", type=Path, help="what to print; -: standard input"
     )
     decode.add_argument(
         "--json", action="store_true", help="print one JSON object a line"
@@ -82,7 +82,7 @@ def _add_info(commands: Commands) -> None:
     info = add_command(
         commands,
         "info",
-        "summarise logs: contents, losses, and whether each one is intact",
+        "summarise logs: contents, losses, damage",
         "imud info logs/*.mcap",
     )
     info.add_argument("logs", metavar="LOG", nargs="+", type=Path, help=A_LOG)
@@ -96,7 +96,7 @@ def _add_recover(commands: Commands) -> None:
     recover = add_command(
         commands,
         "recover",
-        "copy everything readable in a truncated or damaged log to a new one",
+        "copy the readable part of a truncated or damaged log to a new one",
         "imud recover logs/imud-20260102T030405Z.mcap",
     )
     recover.add_argument("log", metavar="LOG", type=Path, help="an MCAP file")
@@ -124,7 +124,7 @@ def _add_replay(commands: Commands) -> None:
         metavar="LOG",
         nargs="+",
         type=Path,
-        help=f"{A_LOG}; of several, the one that began first is played first",
+        help=f"{A_LOG}; several are played in order of their start",
     )
     replay.add_argument(
         "--probe", metavar="PROBE", help="play only this probe (default: all)"
@@ -141,7 +141,7 @@ def _add_replay(commands: Commands) -> None:
         "--link",
         metavar="PATH",
         type=Path,
-        help="path of the serial port, for a log of one probe",
+        help="path of the serial port, for a log with one probe",
     )
     where.add_argument(
         "--connect",
@@ -155,8 +155,8 @@ def _add_replay(commands: Commands) -> None:
         "--keys",
         metavar="FILE",
         type=Path,
-        help="publish with these credentials: the clients/NAME.toml of a user with "
-        "the role daemon; it also says where to connect",
+        help="publish with these credentials: the file clients/NAME.toml of a user "
+        "with the role daemon; it also has the address",
     )
     replay.set_defaults(run=_replay)
 
@@ -165,7 +165,7 @@ def _add_export(commands: Commands) -> None:
     export = add_command(
         commands,
         "export",
-        "write logs as CSV or Parquet tables, or as a bag of ROS 2",
+        "write logs as CSV or Parquet tables, or as a ROS 2 bag",
         "imud export logs/imud-20260102T030405Z.mcap --to csv --out tables",
         "One file for each log, probe and kind: pose, raw, event, status (its "
         "numbers), twin, clock, log. With --body: the joint angles of several probes.",
@@ -181,7 +181,7 @@ def _add_export(commands: Commands) -> None:
         "--to",
         choices=("csv", "parquet", "rosbag2", "sto", "bvh", "c3d"),
         default="csv",
-        help="file format; rosbag2: a bag of ROS 2 for each log; with --body also "
+        help="file format; rosbag2: a ROS 2 bag for each log; with --body also "
         "OpenSim's (sto), BVH and C3D (default: %(default)s)",
     )
     export.add_argument(
@@ -202,7 +202,7 @@ def _add_export(commands: Commands) -> None:
         "--out",
         metavar="DIR",
         type=Path,
-        help="folder for the tables (default: that of the log)",
+        help="folder for the tables (default: the log's folder)",
     )
     export.set_defaults(run=_export)
 
@@ -251,7 +251,9 @@ def _replay(args: argparse.Namespace) -> int:
     from imud.recordings.source import log_of
 
     if args.link is not None and args.keys is not None:
-        raise ConfigError("--link is a port, which needs no --keys; leave one out")
+        raise ConfigError(
+            "--link is a port, which needs no --keys; leave out one of them"
+        )
     with contextlib.ExitStack() as stack:
         logs = [stack.enter_context(log_of(path)) for path in args.logs]
         what = replay.log_set(logs, args.probe)
@@ -266,13 +268,13 @@ def _export(args: argparse.Namespace) -> int:
         from imud.recordings import body_export
 
         if args.to in ("parquet", "rosbag2"):
-            raise ConfigError("a body is written as csv, sto, bvh or c3d; take one")
+            raise ConfigError("a body is written as csv, sto, bvh or c3d; choose one")
         facing = None if args.facing is None else math.radians(90.0 - args.facing)
         names = [str(each) for each in args.logs]
         return body_export.run(names, args.to, args.body, args.out, facing)
     if args.to in ("sto", "bvh", "c3d") or args.facing is not None:
         raise ConfigError(
-            "--to sto, bvh, c3d and --facing are for bodies; name one by --body"
+            "--to sto, bvh, c3d and --facing are for bodies; give one with --body"
         )
     if args.to == "rosbag2":
         from imud.recordings import rosbag

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 # Options that name a file of the emulator; each board says which of them it has.
 _FILES = {
     "faults": "faults to inject, and when (JSON)",
-    "eeprom": "contents of its {memory}, kept from run to run",
+    "eeprom": "file with the contents of its {memory}, kept between runs",
     "summary": "write the figures of the run as JSON",
     "profile": "write the CPU cycles of each function and part as JSON",
     "parts": "parts for --profile: lines START END PART, flash addresses",
-    "card": "SD card in its slot: an image made by imud card prepare",
+    "card": "image of the SD card in its slot, created by imud card prepare",
     "radio": "put an RN-41 Bluetooth module, with its settings in FILE, between probe "
     "and wire",
 }
@@ -46,17 +46,17 @@ HANDS = {
     "soft": "the same, but the base gives by 4 %% of the way",
     "stroke": "draws strokes of 20 cm to and fro, and rests between them",
     "button": "the same, and holds the button meanwhile (button_does = stroke)",
-    "sheet": "with the button, draws the outline of an A4 sheet, over and over",
-    "circle": "with the button, goes round a circle of 20 cm in eight strokes",
+    "sheet": "with the button, repeatedly draws the outline of an A4 sheet",
+    "circle": "with the button, draws a circle of 20 cm in eight strokes",
     "paper": "with the button, draws strokes of 10 cm, the tip on paper",
-    "free": "the same in free air",
+    "free": "the same, in free air",
 }
 STROKING = ("stroke", "button", "sheet", "circle", "paper", "free")
 
 # Options that bend its clock and its wire, in real time.
 _WIRE = {
-    "clock-ppm": ("PPM", "its clock is fast by this many parts per million"),
-    "clock-drift": ("PPM", "and by this many ppm more each second"),
+    "clock-ppm": ("PPM", "its clock runs fast by this many parts per million"),
+    "clock-drift": ("PPM", "and by this many more ppm each second"),
     "batch-ms": (
         "MS",
         "its bytes arrive only at multiples of this many milliseconds, as through a "
@@ -97,7 +97,8 @@ def _add_leg(boards: Commands) -> None:
     parser = add_command(
         boards,
         "leg",
-        "three probes on a leg that stands, squats, raises its knee and walks",
+        "run three virtual probes on a leg that stands, squats, raises its knee and "
+        "walks",
         "imud sim leg, then: imud run --config imud-leg/imud.toml, then: imud body "
         "imud-leg/leg.toml",
         "It writes the files of the daemon and of the body into a folder, and repeats "
@@ -107,7 +108,7 @@ def _add_leg(boards: Commands) -> None:
         "--board",
         choices=("nano", "f405", "mega"),
         default="nano",
-        help="what each probe is (default: %(default)s)",
+        help="board of each probe (default: %(default)s)",
     )
     parser.add_argument(
         "--dir",
@@ -121,15 +122,15 @@ def _add_leg(boards: Commands) -> None:
         metavar="S",
         type=above_zero,
         default=30.0,
-        help="how long it walks each time, s (default: %(default)g)",
+        help="duration of each walk, s (default: %(default)g)",
     )
     parser.add_argument(
         "--seed",
         metavar="N",
         type=whole(0, 2**24),
         default=1,
-        help="random seed of the leg, how its probes sit, and their errors (default: "
-        "%(default)s)",
+        help="random seed of the leg, and of the mounting and errors of its probes "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
@@ -163,17 +164,18 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         "--motion",
         metavar="FILE",
         type=Path,
-        help="move it as in this recording: a log or another file with raw samples, "
-        "whose params it gets, too; .npz, .csv (docs/motion-files.md); -: stdin",
+        help="motion from this recording: a log or another file with raw samples, "
+        "whose params the probe gets as well; .npz, .csv (docs/motion-files.md); -: "
+        "stdin",
     )
     parser.add_argument(
-        "--probe", metavar="PROBE", help="of a log of several probes, take this one"
+        "--probe", metavar="PROBE", help="for a log of several probes: the one to use"
     )
     parser.add_argument(
         "--save-motion",
         metavar="FILE",
         type=Path,
-        help="save the hand's motion, with true pose, as .npz; needs --seconds",
+        help="save the hand's motion with the true poses, as .npz; needs --seconds",
     )
     parser.add_argument(
         "--seed",
@@ -206,14 +208,14 @@ def _add_module(parser: argparse.ArgumentParser) -> None:
         "--hand",
         metavar="HAND",
         choices=HANDS,
-        help="a hand that calibrates it, finds its tip or measures: "
+        help="a virtual hand that calibrates it, finds its tip or measures: "
         + "; ".join(f"{name}: {what}" for name, what in HANDS.items()),
     )
     parser.add_argument(
         "--page",
         metavar="URL",
         default=f"http://{PAGE}",
-        help="the page that a hand which follows reads (default: %(default)s)",
+        help="the page that --hand follow reads (default: %(default)s)",
     )
 
 
@@ -239,13 +241,13 @@ def _add_streams(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
     parser.add_argument(
         "--raw",
         action="store_true",
-        help=f"also send the raw samples, all {board.sample_rate_hz} a second",
+        help=f"also send the raw samples, all {board.sample_rate_hz} per second",
     )
     parser.add_argument(
         "--rate",
         metavar="HZ",
         type=whole(1, board.sample_rate_hz),
-        help=f"poses a second, 1 to {board.sample_rate_hz} (default: 100)",
+        help=f"poses per second, 1 to {board.sample_rate_hz} (default: 100)",
     )
 
 
@@ -269,21 +271,21 @@ def _add_hardware(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
             "--wire",
             choices=board.wires,
             default=board.wires[0],
-            help="which of its ports the host has (default: %(default)s)",
+            help="which of its ports the host uses (default: %(default)s)",
         )
     if board.has_ready_wire:
         parser.add_argument(
             "--ready",
             choices=("wire", "none"),
             default="wire",
-            help="whether data-ready has a wire (default: %(default)s)",
+            help="whether the data-ready pin is wired (default: %(default)s)",
         )
     if board.has_battery:
         parser.add_argument(
             "--battery",
             metavar="MV",
             type=whole(0, 5000),
-            help="run it from a battery of this voltage, in millivolts",
+            help="voltage of its battery, in millivolts",
         )
     for name in WIRE:
         unit, text = _WIRE[name]
@@ -297,9 +299,11 @@ def _run(args: argparse.Namespace) -> int:
     if (args.module or args.hand) and args.save_motion:
         args.parser.error("--save-motion saves the usual hand's motion, without module")
     if args.hand and args.motion:
-        args.parser.error("--hand and --motion: one of them moves it")
+        args.parser.error("use --hand or --motion, not both")
     if args.hand in STROKING and args.board.name == "nano":
-        args.parser.error(f"--hand {args.hand}: the Nano has no strokes; use f405")
+        args.parser.error(
+            f"--hand {args.hand}: the Nano can't measure strokes; use f405"
+        )
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")
     if getattr(args, "parts", None) and not args.profile:
@@ -339,5 +343,5 @@ def _take_motion(args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
             )
             params = "; its params are in force"
         else:
-            params = f"; its params are those of a {found.board} and left out"
+            params = f"; its params are those of a {found.board} and not used"
     sys.stderr.write(f"{motions.words_of(file, found)}{params}\n")

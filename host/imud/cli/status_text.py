@@ -86,8 +86,8 @@ def twin_words(status: dict[str, Any]) -> str:
 
 
 def concerns(status: dict[str, Any]) -> list[str]:
-    """Sentences about what needs somebody: the sensors first, then their calibration,
-    then why errors are withheld.
+    """Sentences about problems for the user to solve: the sensors first, then their
+    calibration, then why errors are withheld.
     """
     advice = status["params"].get("advice")
     return [
@@ -133,7 +133,7 @@ VOID_WORDS = {
     "gap": "samples are missing",
     "restarted": "it has restarted",
     "params_changed": "its params have changed",
-    "unheard": "it was set before the daemon heard it",
+    "unheard": "it was set before the daemon received the probe",
 }
 
 

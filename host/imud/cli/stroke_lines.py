@@ -94,7 +94,7 @@ def show_closed(paths: Mapping[str, StrokePath], *, as_json: bool) -> None:
             show_closing(name, {"probe": name, **closing}, as_json=as_json)
     if not any(known.values()):
         sys.stderr.write(
-            "no path to close: its origin is not known, or its last stroke has no "
+            "no path to close: its origin is unknown, or its last stroke has no "
             "length; `imud tare` sets an origin\n"
         )
 

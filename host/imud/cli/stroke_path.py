@@ -22,7 +22,7 @@ def lines_of(probe: str, closing: Mapping[str, Any]) -> list[str]:
     return [
         f"{probe}: {number} strokes end {100 * math.hypot(*off):.2f} cm from their "
         "origin:",
-        f"  {_row(off)}  cm east, north, up; {verdict} what their errors explain:",
+        f"  {_row(off)}  cm east, north, up; {verdict} the range of their errors:",
         f"  {_row([SIGMAS * each for each in sigma])}  (95 %)",
         f"{'stroke':>6}  {'measured (cm)':<26}  closed (cm)",
         *(

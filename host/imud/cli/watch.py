@@ -37,7 +37,7 @@ def _add_listen(commands: Commands) -> None:
         "print poses as they arrive over the network",
         "imud listen --seconds 10 --angles aerospace",
         "Columns: yaw, pitch and roll, 1-sigma errors of tilt and heading (all in "
-        "degrees), poses a second, flags. docs/angles.md defines the angles.",
+        "degrees), poses per second, flags. docs/angles.md defines the angles.",
     )
     add_probe(listen)
     listen.add_argument(
@@ -51,7 +51,7 @@ def _add_listen(commands: Commands) -> None:
     listen.add_argument(
         "--json",
         action="store_true",
-        help="print one JSON object a line, as published; --angles adds its angles",
+        help="print each pose as one JSON line, as published; --angles adds its angles",
     )
     listen.add_argument(
         "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
@@ -64,18 +64,19 @@ def _add_strokes(commands: Commands) -> None:
     strokes = add_command(
         commands,
         "strokes",
-        "print how far a probe moves, each stroke as it ends",
+        "print the displacement of each stroke as it ends",
         "imud strokes stylus --close",
         "Columns: number and time of the stroke, its length, its parts in the world "
-        "and their 1-sigma errors, why it ended. docs/strokes.md tells how to measure.",
+        "and their 1-sigma errors, why it ended. docs/strokes.md explains how to "
+        "measure.",
     )
     add_probe(strokes)
     strokes.add_argument(
         "--close",
         action="store_true",
-        help="at the end (Ctrl-C, or --seconds) take the place reached for the origin: "
-        "print how far the path is off there, and the path with that spread evenly "
-        "over its strokes; a double click of its button does so at once",
+        help="at the end (Ctrl-C, or --seconds) treat the reached position as the "
+        "origin: print the closure error of the path, and the path with that error "
+        "spread evenly over its strokes; a double click of its button does so at once",
     )
     strokes.add_argument(
         "--json", action="store_true", help="print one JSON object a line, as published"
@@ -102,7 +103,7 @@ def _add_list(commands: Commands) -> None:
     listing.add_argument(
         "--ledger",
         action="store_true",
-        help="also print the counts of the data's path, from the sensor to each sink",
+        help="also print the message counts from the sensor to each sink",
     )
     add_network(listing)
     listing.set_defaults(run=_list)
@@ -127,10 +128,10 @@ def _add_view(commands: Commands) -> None:
     view = add_command(
         commands,
         "view",
-        "open the page in a browser; for a daemon elsewhere, serve it here",
+        "open the page in a browser; for a remote daemon, serve it here",
         "imud view --connect tcp/192.168.1.10:7447",
-        "Without --connect it opens the page of the daemon on this machine. What it "
-        "serves itself ends with Ctrl-C.",
+        "Without --connect it opens the page of the daemon on this machine. A page "
+        "served here ends with Ctrl-C.",
     )
     view.add_argument(
         "--page",
@@ -138,7 +139,9 @@ def _add_view(commands: Commands) -> None:
         help=f"serve the page here (default: {PAGE}, or any port if it is taken)",
     )
     view.add_argument(
-        "--no-open", action="store_true", help="print the address, open no browser"
+        "--no-open",
+        action="store_true",
+        help="print the address without opening a browser",
     )
     add_network(view)
     view.set_defaults(run=_view)

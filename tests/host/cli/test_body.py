@@ -194,11 +194,11 @@ def test_lines_say_what_to_do_what_is_missing_and_the_angles(
     printer.put(state, b"")
     assert capsys.readouterr().out.splitlines() == [
         "right-leg: stand",
-        "right-leg: aligned; go on as you like",
+        "right-leg: aligned; move as you like",
         "right-leg: upside down",
         "foot: flexion 31±2 abduction 1±4 rotation -2±3",
         "right-leg: foot missing",
-        "right-leg: all probes are there",
+        "right-leg: all probes are present",
     ]
     unknown = msgspec.structs.replace(state.joints[0], angles_deg=None)
     assert line_of(unknown) == "foot: unknown"

@@ -26,7 +26,7 @@ from raw_probe import Stream, calibrating, lying, module, used
 
 
 class Desk:
-    """Somebody who calibrates."""
+    """A user who calibrates."""
 
     def __init__(self, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
         self.chain = chain
@@ -72,7 +72,7 @@ def desk(
 def test_there_is_nothing_to_undo_on_a_probe_without_params(desk: Desk) -> None:
     with Stream(desk.chain, ()):
         line = desk.refused("undo")
-    assert "has no params, and none were in force before" in line
+    assert "has no params, and had none before" in line
 
 
 def test_a_probe_is_calibrated_and_the_calibration_undone(desk: Desk) -> None:
@@ -85,9 +85,9 @@ def test_a_probe_is_calibrated_and_the_calibration_undone(desk: Desk) -> None:
         assert f"{desk.probe}: calibrated from 12 stops" in out
         assert ", at 24.5 degC" in out
         assert "tilt           +-0.0" in out
-        assert "uT left over; field 4" in out
+        assert "uT residual; field 4" in out
         params = desk.in_force
-        assert f"params {params.digest:08x} are in force" in out
+        assert f"params {params.digest:08x} are active" in out
         left = affine_errors(
             module(),
             affine_of(params.acc, SCALE.acc_m_s2),
@@ -110,7 +110,7 @@ def test_a_dry_run_changes_nothing_and_keeps_other_records(desk: Desk) -> None:
         desk.chain.client.change_params(desk.probe, GOOD.encode())
         code, out, err = desk.run("--no-housing", "--dry-run")
     assert (code, err) == (0, "")
-    assert "were not put in force" in out
+    assert "were not activated" in out
     assert "options" not in out  # they stay as they are
     assert desk.in_force == GOOD
 
@@ -134,13 +134,13 @@ def test_raw_samples_are_switched_on_and_off_again(desk: Desk) -> None:
 
 
 def test_a_restart_ends_it_with_one_line(desk: Desk) -> None:
-    # Its time begins anew, by more than that of all tests before.
+    # Its time restarts, by more than that of all earlier tests.
     back = -desk.chain.probe.time_us
     boot = [replace(each, t_us=each.t_us + back) for each in calibrating()[:900]]
     again = [*calibrating()[:900], *boot]
     with Stream(desk.chain, again):
         line = desk.refused(desk.probe)
-    assert "restarted: its calibration is as before; begin again" in line
+    assert "restarted: its calibration is unchanged; start again" in line
 
 
 def test_a_probe_that_falls_silent_is_told(
@@ -149,7 +149,7 @@ def test_a_probe_that_falls_silent_is_told(
     monkeypatch.setattr(calibrate_source, "SILENT_S", 0.5)
     with Stream(desk.chain, calibrating()[:900]):
         line = desk.refused(desk.probe)
-    assert "is it unplugged? Its calibration is as before" in line
+    assert "is it unplugged? Its calibration is unchanged" in line
 
 
 def test_params_that_somebody_else_changes_end_it(desk: Desk) -> None:
@@ -166,7 +166,7 @@ def test_params_that_somebody_else_changes_end_it(desk: Desk) -> None:
         code, _, err = desk.run(desk.probe)
         other.join(PATIENCE_S)
     assert code == 1
-    assert "were changed by somebody else; begin again" in err
+    assert "another client changed the params" in err
     assert desk.in_force == GOOD
 
 
@@ -178,7 +178,7 @@ def test_a_dead_axis_is_refused_and_nothing_changes(desk: Desk) -> None:
     with Stream(desk.chain, broken):
         line = desk.refused(desk.probe)
     assert "refused: the accelerometer's y axis does not follow" in line
-    assert "what was in force still is" in line
+    assert "the previous calibration stays active" in line
 
 
 def test_what_the_daemon_has_learned_is_put_in_force(
@@ -193,7 +193,7 @@ def test_what_the_daemon_has_learned_is_put_in_force(
 
     with Stream(desk.chain, used(), asks="start"):
         line = desk.refused("learned")
-        assert f"nothing was learned of probe {desk.probe}: it is " in line
+        assert f"no learned calibration yet for probe {desk.probe} (state: " in line
         desk.chain.client.command(desk.probe, "start")
         learned = desk.chain.status_when(is_learned)
         assert learned["learn"]["state"] == "proposes"

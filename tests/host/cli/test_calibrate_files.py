@@ -40,7 +40,7 @@ def test_a_capture_is_calibrated_from_without_a_daemon(
     assert "calibrated from 12 stops in 46 s, at 24.5 degC" in out
     assert "heading        +-0." in out
     assert "mag norm_uT" in out
-    assert "were not put in force" in out
+    assert "were not activated" in out
 
 
 def test_one_sensor_alone(taken: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,8 +61,8 @@ def test_a_wave_needs_an_accelerometer_that_is_calibrated(
 @pytest.mark.parametrize(
     ("method", "words"),
     [
-        ("extremes", "uT left over"),
-        ("positions", "mg left over at the stops"),
+        ("extremes", "uT residual"),
+        ("positions", "mg residual at the stops"),
     ],
 )
 def test_a_papers_method_says_what_it_leaves(
@@ -90,7 +90,7 @@ def test_few_poses_are_refused_with_the_cure(
     upright = [pose.up for pose in TWELVE if pose.sign[2] >= 0]
     probe = FakeProbe(**RATES)
     for ups, words in (
-        (upright[:3], "only 3 poses: nothing can be said; lay the probe still"),
+        (upright[:3], "only 3 poses are too few; lay the probe still"),
         ([pose.up for pose in TWELVE[:1]] * 6, "tilt would be +-"),
         (upright[:5], "it was never upside down: turn it over"),
     ):
@@ -109,9 +109,9 @@ def test_files_without_raw_samples_are_one_line(
     path.write_bytes(b"\0" + probe.say("hello") + probe.poses(100))
     code, _, err = run(capsys, path, *DRY)
     assert code == 1
-    assert "holds no raw samples; log them with streams" in err
+    assert "has no raw samples; set streams" in err
     path.write_bytes(bytes(range(256)) * 50)
-    assert "holds no raw samples" in run(capsys, path, *DRY)[2]
+    assert "has no raw samples" in run(capsys, path, *DRY)[2]
     assert "can't read" in run(capsys, tmp_path / "none.bin", *DRY)[2]
 
 
@@ -121,7 +121,7 @@ def test_slow_raw_samples_are_too_few(
     path = capture(tmp_path / "slow.bin", FakeProbe(**RATES), calibrating()[::5])
     code, _, err = run(capsys, path, *DRY)
     assert code == 1
-    assert "20 raw samples a second are too few" in err
+    assert "20 raw samples per second are too few" in err
 
 
 def test_damage_in_a_capture_costs_its_own_samples(
@@ -158,14 +158,14 @@ def test_a_file_of_another_probe_is_refused_by_its_id_unless_forced(
         where = ("--connect", chain.daemon.endpoint)
         code, out, _ = run(capsys, taken, *where, "--no-housing")
         assert code == 0
-        assert "are in force" in out
+        assert "are active" in out
         first = chain.probe.params.records
         assert Params.decode(first).mag is not None
         other = FakeProbe(**RATES, probe_id=bytes(8))
         foreign = capture(taken.parent / "other.bin", other, calibrating())
         code, _, err = run(capsys, foreign, *where)
         assert code == 1
-        assert "is of probe 0000000000000000, and 00112233445566aa is" in err
+        assert "is from probe 0000000000000000, but 00112233445566aa is" in err
         assert chain.probe.params.records == first
         chain.client.change_params(chain.probe.name, GOOD.encode())
         assert run(capsys, foreign, *where, "--force")[0] == 0

@@ -60,7 +60,7 @@ def test_the_screen_says_what_to_do_and_how_good_it_is() -> None:
     assert "Good (7 of 12). Now lay it " in later
     assert "tilt     +-0." in later
     assert "moves" in later
-    assert "Enter judges what there is; q gives up" in later
+    assert "Enter evaluates now; q stops without changes" in later
     assert max(len(line.plain) for line in shown) <= 100
 
 
@@ -88,7 +88,8 @@ def test_keys_end_or_give_up(
             with pytest.raises(Quit):
                 screen.is_ended()
         text.close()
-    # It ends with the terminal. Else it would read from whoever gets that number next.
+    # It ends with the terminal. Otherwise it would read from the next file with that
+    # number.
     drained.join(30)
     assert not drained.is_alive()
     os.close(master)

@@ -92,7 +92,7 @@ def test_a_probe_that_is_not_there_is_one_line_with_those_that_are(
 ) -> None:
     monkeypatch.setattr(reached, "FIRST_S", 0.2)
     line = refused(capsys, "stylus", "--connect", chain.daemon.endpoint)
-    assert f"no probe stylus is there; name one: {chain.probe.name}" in line
+    assert f"no probe stylus; choose one: {chain.probe.name}" in line
 
 
 @pytest.mark.usefixtures("nobody")
@@ -101,7 +101,7 @@ def test_a_name_without_a_daemon_asks_for_the_port(
 ) -> None:
     endpoint = reached.ENDPOINT
     line = refused(capsys, "stylus", "--connect", endpoint)
-    assert "name its port instead, as imud check /dev/ttyUSB0" in line
+    assert "give its port instead: imud check /dev/ttyUSB0" in line
 
 
 @pytest.mark.usefixtures("nobody")
@@ -135,7 +135,7 @@ def test_a_port_that_is_not_there_or_none_at_all_is_one_line(
     monkeypatch.setattr(check_ports, "WARNED_S", 0.0)
     file = tmp_path / "file"
     file.write_text("no port\n")
-    assert "is it a serial port?" in refused(capsys, str(file), *where)
+    assert "check that it is a serial port" in refused(capsys, str(file), *where)
 
 
 @pytest.mark.usefixtures("nobody")
@@ -149,7 +149,7 @@ def test_a_port_without_a_probe_is_one_line(
     finally:
         os.close(ours)
         os.close(theirs)
-    assert "is it flashed (docs/flash.md)" in line
+    assert "check that it is flashed (docs/flash.md)" in line
 
 
 def test_a_file_is_checked_and_one_without_a_probe_refused(

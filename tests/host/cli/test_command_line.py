@@ -12,7 +12,7 @@ import pytest
 
 from imud.cli import build_parser
 
-# What takes long to import, and no help needs.
+# Modules that take long to import, and that help does not need.
 HEAVY = ("asyncio", "cryptography", "mcap", "msgspec", "numpy", "rich", "zenoh")
 
 

@@ -47,12 +47,12 @@ def test_listen_prints_what_is_published_and_sums_up(
     assert [pose["seq"] for pose in poses] == list(range(first, first + count))
     assert list(poses[0]["nectec"].values()) == pytest.approx([0, -90, 90])
     assert f"{count} poses received" in printed.err
-    assert "0 messages missing by sequence" in printed.err
+    assert "0 messages missing (sequence gaps)" in printed.err
     lines = shown.out.splitlines()
     assert lines[0].split()[:4] == ["probe", "yaw", "pitch", "roll"]
     assert lines[1].startswith(chain.probe.name)
     assert "at_rest" in lines[1]
-    assert "0 messages missing by sequence" in lines[-2]
+    assert "0 messages missing (sequence gaps)" in lines[-2]
     assert [line for line in lines if "sent = " in line] == lines[-1:]
     assert " 0 lost;" in lines[-1]
     assert shown.err == ""
@@ -95,8 +95,8 @@ def test_restart_from_the_command_line(
     assert cli.main(["restart", "--filter", "dcm_pi", *connect]) == 1
     server.join(PATIENCE_S)
     assert capsys.readouterr().err == (
-        f"imud: probe {chain.probe.name} has no filter dcm_pi: its firmware was built "
-        "without it and runs fuse\n"
+        f"imud: probe {chain.probe.name} has no filter dcm_pi: its firmware does not "
+        "include it and runs fuse\n"
     )
 
 
@@ -119,7 +119,7 @@ def test_no_daemon_is_one_line(
 
 
 def test_an_endpoint_that_is_none_is_one_line() -> None:
-    with pytest.raises(DaemonNotFound, match="here is no endpoint"):
+    with pytest.raises(DaemonNotFound, match="here is not an endpoint"):
         Client("here")
 
 
@@ -164,7 +164,7 @@ def test_no_port_to_look_at_is_one_line(
     file.write_text("[ports]\nfind = false\n")
     assert cli.main(["run", "--config", str(file)]) == MISCONFIGURED
     (line,) = capsys.readouterr().err.splitlines()
-    assert "is off and no port is named; name one: imud run /dev/ttyUSB0" in line
+    assert "is off and no port is listed; give one: imud run /dev/ttyUSB0" in line
 
 
 def test_a_daemon_ends_with_the_program_that_started_it(tmp_path: Path) -> None:

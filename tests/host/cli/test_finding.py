@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Who does not know the command line by heart finds the way: help, what was meant,
+"""A user who does not know the command line gets help: help texts, suggestions,
 completion, man pages.
 """
 
@@ -38,7 +38,7 @@ def test_without_a_command_there_is_the_list(
         assert re.findall(r"^  (\S+)", part, re.MULTILINE) == [*names]
     code, out, _ = ended(["params"], capsys)
     assert code == 0
-    assert "put the params of a file in force" in out
+    assert "load params from a file" in out
 
 
 def test_each_command_is_in_one_group() -> None:
@@ -59,7 +59,7 @@ def test_each_command_is_in_one_group() -> None:
             "restart --fliter=fuse",
             "there is no option --fliter; did you mean --filter?",
         ),
-        ("params stylus show", "the command comes first: imud params show stylus"),
+        ("params stylus show", "put the command first: imud params show stylus"),
         ("completion fish", "there is no 'fish', only bash, zsh, tcsh"),
         ("fly", "there is no 'fly', only run,"),
     ],

@@ -100,10 +100,10 @@ def test_a_new_f405_is_written_by_dfu_util(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--board", "nano"], "is for an STM32F405, and the board is an Arduino Nano"),
+        (["--board", "nano"], "is for an STM32F405, but the board is an Arduino Nano"),
         (["--board", "nano", "--by", "dfu"], "--by is for an F405"),
-        (["--board", "f405", "--filter", "fuse"], "leave it or --image out"),
-        ([], "if the board has no firmware of ours, say what it is: imud flash"),
+        (["--board", "f405", "--filter", "fuse"], "leave out --filter or --image"),
+        ([], "if the board has no firmware of ours, pass its type: imud flash"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(
@@ -123,9 +123,17 @@ def test_what_makes_no_sense_is_one_line(
 @pytest.mark.parametrize(
     ("version", "schema", "says"),
     [
-        ("0.2.0+aaaaaaa", SCHEMA, "the board has 0.2.0+aaaaaaa already; --force"),
-        ("0.1.9+bbbbbbb", SCHEMA, "older than the board's 0.2.0+aaaaaaa; --force"),
-        ("0.3.0+bbbbbbb", "00000000", "speaks schema 00000000, and this imud"),
+        (
+            "0.2.0+aaaaaaa",
+            SCHEMA,
+            "the board already has 0.2.0+aaaaaaa; write it again with --force",
+        ),
+        (
+            "0.1.9+bbbbbbb",
+            SCHEMA,
+            "older than the board's 0.2.0+aaaaaaa; write it anyway",
+        ),
+        ("0.3.0+bbbbbbb", "00000000", "has schema 00000000, but this imud"),
         ("0.2.0+bbbbbbb", SCHEMA, ""),
         ("0.10.0+bbbbbbb", SCHEMA, ""),
         ("0.2.0+bbbbbb-d", SCHEMA, ""),

@@ -143,7 +143,7 @@ def test_a_file_that_is_none_is_one_line_that_names_it(
         assert path.name[:40] in line, (arguments, line)
 
 
-# What writes a file, to where none can be.
+# Commands that write a file, to an impossible place.
 WRITERS = [
     ["card", "prepare", "FILE", "--size", "8G", "--yes"],
     ["install-service", "--prefix", "FILE"],

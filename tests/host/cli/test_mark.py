@@ -28,7 +28,7 @@ def test_a_value_is_published_logged_and_exported(
         network = ["--connect", chain.daemon.endpoint]
         heard = chain.hear("mark")
         assert cli.main([*words, "--note", "no pose yet", *network]) == 0
-        assert "no pose of this moment" in capsys.readouterr().out
+        assert "no pose at this moment" in capsys.readouterr().out
         assert json.loads(heard.get(timeout=PATIENCE_S))["q"] is None
 
         chain.probe.params.records = TIP.encode()
@@ -50,12 +50,12 @@ def test_a_value_is_published_logged_and_exported(
         # A probe that has stopped may have been moved since.
         time.sleep(1.1)
         assert cli.main([*words, "--note", "too late", *network]) == 0
-        assert "no pose of this moment" in capsys.readouterr().out
+        assert "no pose at this moment" in capsys.readouterr().out
         assert json.loads(heard.get(timeout=PATIENCE_S))["position_m"] is None
 
         for wrong in (["nan"], ["a"], [], ["1", "--note", "x" * 201]):
             assert cli.main([*words, *wrong, *network]) == 1
-            assert "mark needs value=NUMBER or text=WORDS" in capsys.readouterr().err
+            assert "mark needs value=NUMBER or text=TEXT" in capsys.readouterr().err
         chain.daemon.stop()
     finally:
         chain.close()

@@ -36,7 +36,7 @@ def test_a_misspelt_probe_is_told_from_those_that_are_there(
     monkeypatch.chdir(tmp_path)
     assert cli.main([*command, "nosuch", "--connect", endpoint]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "imud: no probe nosuch is there; name one: 00112233445566aa"
+    assert line == "imud: no probe nosuch; choose one: 00112233445566aa"
     assert [*tmp_path.iterdir()] == []
 
 
@@ -45,5 +45,5 @@ def test_one_for_a_file_is_told_so_too(
 ) -> None:
     words = ["params", "save", "nosuch", str(tmp_path / "a.toml")]
     assert cli.main([*words, "--connect", endpoint]) == 1
-    assert "name one: 00112233445566aa" in capsys.readouterr().err
+    assert "choose one: 00112233445566aa" in capsys.readouterr().err
     assert [*tmp_path.iterdir()] == []

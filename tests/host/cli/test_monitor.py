@@ -140,7 +140,7 @@ def test_a_probe_says_where_it_points_and_what_was_lost() -> None:
     text = "\n".join(line.plain for line in screen.lines(10.0, 24))
     assert "1 Hz  1.23 ±0.56 ms" in text
     assert "yaw       0.00° ±1.25" in text
-    assert "lost 3 of 150, 3 corrupt, 5 on the way here" in text
+    assert "lost 3 of 150, 3 corrupt, 5 in transit" in text
     assert "adds up; zenoh 9, log 7 (1 waiting, 1 dropped)" in text
 
 

@@ -43,7 +43,7 @@ def answering(chain: Chain) -> Iterator[None]:
 
 
 class Desk:
-    """The command line of somebody at a daemon."""
+    """The command line of a user of a daemon."""
 
     def __init__(self, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
         self.chain = chain
@@ -52,7 +52,7 @@ class Desk:
         self._capsys = capsys
 
     def run(self, *words: object, probe: str = "") -> str:
-        """What it prints; AssertionError with its line on stderr if it fails."""
+        """Its output; AssertionError with its line on stderr if it fails."""
         where = ["--connect", self.chain.daemon.endpoint]
         command, *rest = map(str, words)
         code = main(["params", command, probe or self.probe, *rest, *where])
@@ -80,7 +80,7 @@ def test_a_probe_without_params_is_shown_as_such(desk: Desk) -> None:
     text = desk.run("show")
     assert text.splitlines()[0] == f"{desk.probe}: params 00000000, 0 bytes"
     assert text.count("not calibrated") == 3
-    assert desk.run("history") == f"{desk.probe}: no params came into force so far\n"
+    assert desk.run("history") == f"{desk.probe}: no params were active so far\n"
 
 
 def test_params_go_to_the_probe_and_back(desk: Desk, tmp_path: Path) -> None:
@@ -92,15 +92,15 @@ def test_params_go_to_the_probe_and_back(desk: Desk, tmp_path: Path) -> None:
     assert desk.params.records == b""
     text = desk.run("load", mine)
     assert text.splitlines()[0].split() == ["before", "after"]
-    assert text.endswith(f"params {GOOD.digest:08x} are in force; before: 00000000\n")
+    assert text.endswith(f"params {GOOD.digest:08x} are active; before: 00000000\n")
     assert desk.params.records == GOOD.encode()
-    assert desk.run("load", mine).endswith("are in force already\n")
+    assert desk.run("load", mine).endswith("are already active\n")
     desk.run("save", theirs)
     assert theirs.read_text() == mine.read_text()
     assert "exists; --force replaces it" in desk.fails("save", theirs)
     desk.run("save", theirs, "--force")
     shown = desk.run("show")
-    assert "accelerometer  calibrated on a day not known, method positions" in shown
+    assert "accelerometer  calibrated on an unknown day, method positions" in shown
     assert "1-sigma error 0.012 m/s2" in shown
     assert "the button: tell" in shown
     printed = json.loads(desk.run("show", "--json"))
@@ -115,14 +115,14 @@ def test_what_was_in_force_comes_back_from_the_history(
     path.write_text(file.written(GOOD))
     desk.run("load", path)
     text = desk.run("clear")
-    assert text.endswith(f"params 00000000 are in force; before: {GOOD.digest:08x}\n")
+    assert text.endswith(f"params 00000000 are active; before: {GOOD.digest:08x}\n")
     assert desk.params.records == b""
     digest = f"{GOOD.digest:08x}"
     assert digest in desk.run("history")
     desk.run("load", digest[:5])
     assert desk.params.records == GOOD.encode()
     assert "there are no params" in desk.fails("load", "0bad")
-    assert f"{digest}  in force" in desk.run("history")
+    assert f"{digest}  active" in desk.run("history")
 
 
 def test_what_the_probe_kept_of_its_own_field_is_shown(desk: Desk) -> None:
@@ -142,7 +142,7 @@ def test_what_the_probe_kept_of_its_own_field_is_shown(desk: Desk) -> None:
 def test_errors_are_one_line(desk: Desk, tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(file.written(GOOD, "1" * 16))
-    assert "--force loads them all the same" in desk.fails("load", path)
+    assert "load them anyway with --force" in desk.fails("load", path)
     desk.run("load", path, "--force")
     path.write_text(file.written(Params((ParamsRecord(1, bytes(5)),))))
     assert "acc: the record is too short" in desk.fails("load", path)
@@ -191,7 +191,7 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             reply = late.params(chain.probe.name)
             assert reply["digest"] == f"{GOOD.digest:08x}"
             assert reply["records"]["options"]["button_does"] == "tell"
-            with pytest.raises(ProbeUnknown, match="no probe nobody is there"):
+            with pytest.raises(ProbeUnknown, match="no probe nobody;"):
                 late.params("nobody")
             with pytest.raises(CommandRefused, match="there is no command 'params_wr"):
                 late.command(chain.probe.name, "params_write")

@@ -46,7 +46,7 @@ def test_a_port_is_adopted_seen_and_released(
     assert by_port["/dev/ttyUSB0"]["is_opened"] is True
     assert by_port["/dev/ttyUSB1"]["is_opened"] is False
     assert main(["ports", "release", "/dev/ttyUSB0", "--config", config]) == 0
-    assert "is left to others" in capsys.readouterr().out
+    assert "is left to other programs" in capsys.readouterr().out
     assert main(["ports", "release", "/dev/ttyUSB0", "--config", config]) == 0
     assert "was not ours" in capsys.readouterr().out
 
@@ -55,9 +55,9 @@ def test_what_can_not_be_adopted_is_refused_with_what_to_do(
     config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["ports", "adopt", "/dev/ttyS0", "--config", config]) == 1
-    assert "name it instead: imud run /dev/ttyS0" in capsys.readouterr().err
+    assert "give it explicitly: imud run /dev/ttyS0" in capsys.readouterr().err
     assert main(["ports", "adopt", "/dev/none", "--config", config]) == 1
-    assert "/dev/none is no serial port" in capsys.readouterr().err
+    assert "/dev/none is not a serial port" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("config")

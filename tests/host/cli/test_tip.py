@@ -34,7 +34,7 @@ def _seldom(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Desk:
-    """Somebody who looks for the tip."""
+    """A user who calibrates the tip."""
 
     def __init__(self, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
         self.chain, self._capsys = chain, capsys
@@ -143,7 +143,7 @@ def test_positions_alone_give_the_distance_and_no_direction(
     code, _, err = desk.run(*ask)
     assert code == 1
     assert "the tip is 119.0 +-" in err
-    assert "in which direction a sphere does not tell" in err
+    assert "but a sphere does not give its direction" in err
     assert "--method circle --distance-mm 119.0" in err
 
 
@@ -172,7 +172,7 @@ def test_a_circle_gives_the_axis_and_with_a_distance_the_tip(
         assert "takes 3 or 4" in desk.run("--method", "points", "--positions", two)[2]
         bare = poses(tmp_path / "bare.csv", 3, has_attitudes=False)
         errors = desk.run("--method", "points", "--positions", bare)[2]
-        assert "needs the attitude at each place" in errors
+        assert "needs the attitude at each position" in errors
 
 
 def test_a_capture_holds_a_wobble_or_says_what_it_lacks(
@@ -227,8 +227,8 @@ def test_arguments_that_make_no_sense_are_usage_errors(words: tuple[str, ...]) -
     [
         ("a,b\n1,2\n", "needs a first line x_m,y_m,z_m"),
         ("x_m,y_m,z_m\n", "needs a first line"),
-        ("x_m,y_m,z_m\n1,2,three\n", "are numbers in each line"),
-        ("x_m,y_m,z_m\n1,2\n", "are numbers in each line"),
+        ("x_m,y_m,z_m\n1,2,three\n", "must be numbers in every line"),
+        ("x_m,y_m,z_m\n1,2\n", "must be numbers in every line"),
         ("x_m,y_m,z_m,qw,qx,qy,qz\n1,2,3,1,1,0,0\n", "of length 1, w first"),
     ],
 )
@@ -267,5 +267,5 @@ def test_the_screen_shows_how_it_was_wobbled_and_how_good_it_is() -> None:
     later = "\n".join(each.plain for each in shown)
     assert later.count("●") == 8
     assert "tip     +-" in later
-    assert "degrees to each side, 0." in later
+    assert "degrees to each side, at 0." in later
     assert max(len(each.plain) for each in shown) <= 120
