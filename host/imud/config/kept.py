@@ -24,15 +24,16 @@ class LogSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     enabled: Annotated[bool, Meta(description="keep a log")] = True
     dir: Annotated[str, Meta(description="folder of its files")] = "logs"
     rotate_mb: Annotated[
-        int, Meta(ge=1, description="start a new file after so many MB")
+        int, Meta(ge=1, description="start a new file after this many MB")
     ] = 1024
     rotate_minutes: Annotated[
-        float, Meta(gt=0, le=240, description="or after so many minutes")
+        float, Meta(gt=0, le=240, description="or after this many minutes")
     ] = 60.0
     floor_mb: Annotated[
         int,
         Meta(
-            ge=0, description="pause logging while less than this is free on the disk"
+            ge=0,
+            description="pause logging while the disk has less free space than this",
         ),
     ] = 500
     keep_mb: Annotated[
@@ -45,10 +46,10 @@ class LogSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = 0
     keep_days: Annotated[
         float,
-        Meta(ge=0, description="and those that ended so many days ago; 0: keep all"),
+        Meta(ge=0, description="and those that ended this many days ago; 0: keep all"),
     ] = 0.0
     foxglove: Annotated[
-        bool, Meta(description="log poses also as foxglove.PoseInFrame, for Foxglove")
+        bool, Meta(description="also log poses as foxglove.PoseInFrame, for Foxglove")
     ] = True
 
 
@@ -58,8 +59,8 @@ class ParamsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     history: Annotated[
         str,
         Meta(
-            description="folder for each set that came into force; $XDG_STATE_HOME "
-            "stands for ~/.local/state where it is set; empty: off"
+            description="folder for all sets that were active; $XDG_STATE_HOME stands "
+            "for ~/.local/state where it is set; empty: off"
         ),
     ] = HISTORY
 

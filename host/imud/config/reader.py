@@ -26,8 +26,8 @@ from imud.errors import ConfigError
 from imud.text_file import read_text
 
 ABOUT = """\
-Settings of imud, each with its purpose. A setting that is left out has the default
-that `imud config` prints.
+Settings of imud, each with its purpose. Omitted settings have the defaults that
+`imud config` prints.
 
 imud config --check FILE lists the mistakes in a file. A running daemon applies changes
 on systemctl reload imud, or kill -HUP."""
@@ -105,7 +105,7 @@ def as_toml(config: Config) -> str:
 
 
 def changed_in(path: Path) -> str:
-    """What that file sets otherwise than by default, as TOML; ConfigError."""
+    """The settings in that file that differ from the defaults, as TOML; ConfigError."""
     return changed(load(path), Config())
 
 

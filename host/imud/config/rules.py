@@ -66,10 +66,10 @@ def _of_ports(section: PortSettings) -> Iterator[Mistake]:
     if not named and not section.find and not section.udp:
         yield Mistake(
             ("ports", "find"),
-            "is off and no port is named; name one: imud run /dev/ttyUSB0",
+            "is off and no port is listed; give one: imud run /dev/ttyUSB0",
         )
     if len({port for port, _ in named}) < len(named):
-        yield Mistake(("ports", "named"), "a port is named twice")
+        yield Mistake(("ports", "named"), "a port is listed twice")
     for baud in (own for _, own in named if own is not None):
         if not 0 < baud <= BAUD_MAX:
             yield Mistake(("ports", "named"), f"baud {baud} is not in 1..{BAUD_MAX}")
@@ -83,8 +83,8 @@ def _of_ports(section: PortSettings) -> Iterator[Mistake]:
     if section.udp and not section.udp_keys:
         yield Mistake(
             ("ports", "udp_keys"),
-            "is empty: datagrams are taken from probes with a key only; "
-            "imud keys probe DIR ID makes one",
+            "is empty: only datagrams from probes with a key are accepted; create "
+            "one with imud keys probe DIR ID",
         )
 
 
@@ -96,14 +96,14 @@ def _of_page(section: WebSettings) -> Iterator[Mistake]:
     elif not is_loopback(address[0]):
         yield Mistake(
             path,
-            f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, and use "
-            "imud view --connect elsewhere",
+            f"{cut(address[0])} is reachable from other machines; listen on "
+            "127.0.0.1, and use imud view --connect on other machines",
         )
     for origin in section.origins:
         if not _ORIGIN.fullmatch(origin):
             yield Mistake(
                 ("web", "origins"),
-                f"{_quoted(origin)} is no origin, as https://example.org",
+                f"{_quoted(origin)} is not an origin such as https://example.org",
             )
 
 
@@ -116,13 +116,14 @@ def _of_foxglove(section: FoxgloveSettings, keys: str) -> Iterator[Mistake]:
         )
     elif not is_loopback(address[0]):
         yield Mistake(
-            path, f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1"
+            path,
+            f"{cut(address[0])} is reachable from other machines; listen on 127.0.0.1",
         )
     if keys and not section.open_to_all:
         yield Mistake(
             ("foxglove", "enabled"),
-            "Foxglove logs in nowhere, and zenoh.keys admits users alone; turn it off, "
-            "or let every program of this machine read: open_to_all = true",
+            "Foxglove has no login, but zenoh.keys admits only users; turn it off, "
+            "or let every program on this machine read: open_to_all = true",
         )
 
 
@@ -131,8 +132,8 @@ def _of_openigtlink(section: OpenIgtLinkSettings, keys: str) -> Iterator[Mistake
     if keys and not section.open_to_all:
         yield Mistake(
             ("openigtlink", "enabled"),
-            "OpenIGTLink has no users, and zenoh.keys admits users alone; turn it off, "
-            "or let anybody read: open_to_all = true",
+            "OpenIGTLink has no users, but zenoh.keys admits only users; turn it "
+            "off, or let anybody read: open_to_all = true",
         )
 
 
@@ -140,8 +141,8 @@ def _of_log(section: LogSettings) -> Iterator[Mistake]:
     if 0 < section.keep_mb < section.rotate_mb:
         yield Mistake(
             ("log", "keep_mb"),
-            f"{section.keep_mb} is less than one file may have (rotate_mb = "
-            f"{section.rotate_mb}); make that smaller, too",
+            f"{section.keep_mb} is less than the size of one file (rotate_mb = "
+            f"{section.rotate_mb}); reduce that as well",
         )
 
 
@@ -161,8 +162,8 @@ def _of_readers(
     elif not is_loopback(address[0]) and not section.open_to_all:
         yield Mistake(
             path,
-            f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, or let "
-            "anybody read: open_to_all = true",
+            f"{cut(address[0])} is reachable from other machines; listen on "
+            "127.0.0.1, or let anybody read: open_to_all = true",
         )
 
 
@@ -170,7 +171,7 @@ def _of_place(section: PlaceSettings) -> Iterator[Mistake]:
     is_known = section.latitude_deg is not None
     if is_known != (section.longitude_deg is not None):
         missing = "longitude_deg" if is_known else "latitude_deg"
-        yield Mistake(("place", missing), "is missing: a place has both")
+        yield Mistake(("place", missing), "is missing: a place needs both")
     elif section.north == "true" and not is_known:
         yield Mistake(
             ("place", "north"), "true north needs latitude_deg and longitude_deg"
@@ -182,10 +183,10 @@ def _of_probes(probes: dict[str, ProbeSettings]) -> Iterator[Mistake]:
     for probe_id, probe in probes.items():
         path = ("probes", probe_id)
         if not _PROBE_ID.fullmatch(probe_id):
-            yield Mistake(path, "an id is 16 hexadecimal digits; imud list shows them")
+            yield Mistake(path, "an id has 16 hexadecimal digits; imud list shows it")
         for name in ("raw_rate", "streams"):
             if probe.fuse_on_host and getattr(probe, name) is not None:
-                yield Mistake((*path, name), "fuse_on_host sets it: leave it out")
+                yield Mistake((*path, name), "is set by fuse_on_host: leave it out")
         if not probe.name:
             continue
         if not _NAME.fullmatch(probe.name):
@@ -195,7 +196,7 @@ def _of_probes(probes: dict[str, ProbeSettings]) -> Iterator[Mistake]:
         if probe.name in names or probe.name in probes.keys() - {probe_id}:
             yield Mistake(
                 (*path, "name"),
-                f"{_quoted(probe.name)} is the name of another probe, too",
+                f"{_quoted(probe.name)} is also the name of another probe",
             )
         names.add(probe.name)
 
@@ -241,12 +242,13 @@ def _of_frames(config: Config) -> Iterator[Mistake]:
 
 
 def _of_network(network: ZenohSettings) -> Iterator[Mistake]:
-    """Also refuses to listen beyond this machine without keys, unless told to."""
+    """Also refuses to listen for other machines without keys, unless that is
+    allowed."""
     listen = listens_on(network)
     if network.mode != "router" and not (network.connect or listen):
         yield Mistake(
             ("zenoh", "connect"),
-            f"is empty; a {network.mode} needs one, as "
+            f"is empty; a {network.mode} needs one, such as "
             f"[{_quoted('tcp/192.168.1.10:7447')}]",
         )
     if network.keys:
@@ -263,9 +265,9 @@ def _of_network(network: ZenohSettings) -> Iterator[Mistake]:
             if not is_local(endpoint):
                 yield Mistake(
                     ("zenoh", "listen"),
-                    f"{cut(endpoint)} is open to all who reach this machine; require "
-                    "keys: imud keys init DIR, then --keys DIR or zenoh.keys; or "
-                    "allow it: zenoh.open_to_all = true",
+                    f"{cut(endpoint)} is open to everybody who can reach this "
+                    "machine; require keys: imud keys init DIR, then --keys DIR or "
+                    "zenoh.keys; or allow it: zenoh.open_to_all = true",
                 )
 
 

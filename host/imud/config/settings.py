@@ -40,24 +40,24 @@ class PortSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     find: Annotated[
         bool | Literal["all"],
         Meta(
-            description="open USB and Bluetooth ports with a probe heard before or "
-            'that were adopted (imud ports adopt); "all": try all of them, which may '
-            "disturb other devices"
+            description="open USB and Bluetooth ports on which a probe was detected "
+            'before, or that were adopted (imud ports adopt); "all": try all of them, '
+            "which may disturb other devices"
         ),
     ] = True
     memory: Annotated[
         str,
         Meta(
-            description="file that keeps which ports are ours; empty: in "
-            "/var/lib/imud for a service, else ~/.local/state/imud"
+            description="file with the list of adopted ports; empty: in /var/lib/imud "
+            "for a service, else ~/.local/state/imud"
         ),
     ] = ""
     named: Annotated[
         tuple[str, ...],
-        Meta(description="ports with a probe, ptys too: PORT or PORT@BAUD"),
+        Meta(description="ports with a probe, also ptys: PORT or PORT@BAUD"),
     ] = ()
     ignore: Annotated[
-        tuple[str, ...], Meta(description="ports never to open; * stands for any text")
+        tuple[str, ...], Meta(description="ports never to open; * matches any text")
     ] = ()
     rates: Annotated[
         tuple[Baud, ...], Meta(description="baud rates to try, in this order")
@@ -73,7 +73,7 @@ class PortSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ),
     ] = ""
     udp_keys: Annotated[
-        str, Meta(description="folder with the probes' keys, by `imud keys probe`")
+        str, Meta(description="folder with the probes' keys, from `imud keys probe`")
     ] = ""
 
 
@@ -82,10 +82,10 @@ class ZenohSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     mode: Annotated[
         Literal["router", "peer", "client"],
-        Meta(description="a router needs no other, a peer or client joins a network"),
+        Meta(description="a router works alone, a peer or client joins a network"),
     ] = "router"
     listen: Annotated[
-        tuple[str, ...], Meta(description="endpoints that subscribers connect to")
+        tuple[str, ...], Meta(description="endpoints for subscribers")
     ] = (ENDPOINT,)
     connect: Annotated[
         tuple[str, ...], Meta(description="endpoints of the network to join")
@@ -96,7 +96,7 @@ class ZenohSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(
             ge=0,
             le=100_000,
-            description="last poses of each probe for late subscribers",
+            description="how many of the last poses of each probe late subscribers get",
         ),
     ] = 100
     keys: Annotated[
@@ -104,19 +104,17 @@ class ZenohSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(description="folder made by `imud keys`: TLS, users, roles; empty: off"),
     ] = ""
     mutual_tls: Annotated[
-        bool, Meta(description="with keys: clients need a certificate, too")
+        bool, Meta(description="with keys: clients also need a certificate")
     ] = False
     credentials: Annotated[
         str,
         Meta(
-            description="file of a daemon from `imud keys`, to join a network with keys"
+            description="a daemon's file from `imud keys`, to join a network with keys"
         ),
     ] = ""
     open_to_all: Annotated[
         bool,
-        Meta(
-            description="listen beyond this machine without keys: anybody can command"
-        ),
+        Meta(description="listen for other machines without keys: anybody can command"),
     ] = False
 
 
@@ -126,8 +124,8 @@ class CalibrationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     learn: Annotated[
         Literal["off", "propose", "apply"],
         Meta(
-            description="all three sensors, while a probe is turned about: say what "
-            "their calibration would be, or also put that in force"
+            description="all three sensors, while a probe is rotated: propose a "
+            "calibration, or also activate it"
         ),
     ] = "propose"
 
@@ -148,7 +146,7 @@ class PlaceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = 0.0
     north: Annotated[
         Literal["magnetic", "true"],
-        Meta(description="what the heading of all published poses refers to"),
+        Meta(description="reference of the heading of all published poses"),
     ] = "magnetic"
 
 
@@ -164,7 +162,7 @@ class Ros2Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         str,
         Meta(
             min_length=1,
-            description="frame_id of the world that poses refer to: x east, z up",
+            description="frame_id of the world frame of poses: x east, z up",
         ),
     ] = "world"
     connect: Annotated[
@@ -194,7 +192,9 @@ class FoxgloveSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = FOXGLOVE
     open_to_all: Annotated[
         bool,
-        Meta(description="with keys: serve every program of this machine, no users"),
+        Meta(
+            description="with keys: serve every program on this machine, without users"
+        ),
     ] = False
 
 
@@ -206,8 +206,8 @@ class OpenIgtLinkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     open_to_all: Annotated[
         bool,
         Meta(
-            description="allow a HOST beyond this machine, and serve beside keys: "
-            "anybody can read"
+            description="allow a HOST reachable from other machines, and serve "
+            "despite keys: anybody can read"
         ),
     ] = False
 
@@ -219,7 +219,10 @@ class MetricsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         str, Meta(description="HOST:PORT of /metrics, as 127.0.0.1:9735; empty: off")
     ] = ""
     open_to_all: Annotated[
-        bool, Meta(description="allow a HOST beyond this machine: anybody can read")
+        bool,
+        Meta(
+            description="allow a HOST reachable from other machines: anybody can read"
+        ),
     ] = False
 
 
@@ -228,12 +231,14 @@ class JournalSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     level: Annotated[
         Literal["debug", "info", "warning", "error"],
-        Meta(description="the least severe that is written"),
+        Meta(description="the lowest level that is written"),
     ] = "info"
     burst: Annotated[
         int,
         Meta(
-            ge=1, description="lines of one kind within quiet_s; more are only counted"
+            ge=1,
+            description="lines of one kind within quiet_s; further ones are only "
+            "counted",
         ),
     ] = 3
     quiet_s: Annotated[
@@ -248,24 +253,26 @@ class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: Annotated[str, Meta(description="in keys in place of its id")] = ""
     # Examples are what `imud config` shows: the firmware has to accept them.
     pose_rate: Annotated[
-        Rate | None, Meta(description="poses a second", examples=[100])
+        Rate | None, Meta(description="poses per second", examples=[100])
     ] = None
     raw_rate: Annotated[
-        Rate | None, Meta(description="raw samples a second", examples=[100])
+        Rate | None, Meta(description="raw samples per second", examples=[100])
     ] = None
     streams: Annotated[
         Annotated[tuple[Literal["pose", "raw"], ...], Meta(min_length=1)] | None,
-        Meta(description="what it sends while it streams", examples=[["pose"]]),
+        Meta(
+            description="messages that it sends while it streams", examples=[["pose"]]
+        ),
     ] = None
     start: Annotated[
         bool,
-        Meta(description="start it when it is found, without a press of its button"),
+        Meta(description="start it when it is detected, without a press of its button"),
     ] = False
     fuse_on_host: Annotated[
         bool,
-        Meta(description="compute its poses here, from all its raw samples"),
+        Meta(description="compute its poses on the host, from all its raw samples"),
     ] = False
-    log: Annotated[bool, Meta(description="keep it in the log")] = True
+    log: Annotated[bool, Meta(description="log its messages")] = True
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -273,7 +280,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     twin: Annotated[
         bool,
-        Meta(description="compute each pose again and report the first that differs"),
+        Meta(description="recompute each pose and report the first that differs"),
     ] = False
     ports: PortSettings = PortSettings()
     zenoh: ZenohSettings = ZenohSettings()
@@ -288,7 +295,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     metrics: MetricsSettings = MetricsSettings()
     journal: JournalSettings = JournalSettings()
     probes: Annotated[
-        dict[str, ProbeSettings], Meta(description="by the id that `imud list` shows")
+        dict[str, ProbeSettings], Meta(description="by the id shown by `imud list`")
     ] = {}
 
     def settings_of(self, probe_id: str) -> ProbeSettings:

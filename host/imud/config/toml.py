@@ -104,13 +104,15 @@ def _unknown(
 ) -> str:
     near = get_close_matches(key, known, 1)
     if near:
-        return f"there is no such key; is it {called((*path, near[0]))}?"
+        return f"there is no such key; did you mean {called((*path, near[0]))}?"
     for field in msgspec.structs.fields(whole):
         section = _section(field.type)
         if section is None or section.is_many:
             continue
         if key in (inner.name for inner in msgspec.structs.fields(section.kind)):
-            return f"there is no such key here; is it {called((field.name, key))}?"
+            return (
+                f"there is no such key here; did you mean {called((field.name, key))}?"
+            )
     return f"there is no such key; there are {', '.join(known)}"
 
 
@@ -149,7 +151,7 @@ def _examples(hint: object) -> list[Any]:
 
 
 def allowed(hint: object) -> str:
-    """What a type allows, in words: "a whole number, 1 or more"."""
+    """The values that a type allows, in words: "a whole number, 1 or more"."""
     bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     if get_origin(bare) is Literal:
         # In the declared order: log levels rise.
@@ -263,7 +265,8 @@ def _keys(value: Struct, *, is_set: bool) -> Iterator[str]:
 
 
 def _comment(hint: object) -> str:
-    """What a key is for, and what is allowed where the default does not show it."""
+    """The purpose of a key, and its allowed values if the default does not show
+    them."""
     may_be = allowed(hint)
     info = _bare(inspect.type_info(hint))
     if isinstance(info, inspect.UnionType):

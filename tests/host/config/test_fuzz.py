@@ -209,7 +209,7 @@ def test_windows_lines_and_nothing_at_all_are_settings(
 
 
 def mutated(chance: random.Random, text: str) -> str:
-    """What an editor, a cat on the keyboard or another version may make of a file."""
+    """A file as an editor, a cat on the keyboard or another version may change it."""
     lines = text.splitlines()
     for _ in range(chance.randint(1, 6)):
         at = chance.randrange(len(lines))

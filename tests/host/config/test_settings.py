@@ -91,15 +91,18 @@ def test_a_port_may_have_a_rate_of_its_own(
     [
         (
             "[ports]\nnamed = ['a', 'a@9600']",
-            ":2: [ports] named: a port is named twice",
+            ":2: [ports] named: a port is listed twice",
         ),
         ("[ports]\nnamed = ['a@5000000']", "[ports] named: baud 5000000 is not in 1.."),
-        ("[ports]\nfind = false", ":2: [ports] find: is off and no port is named"),
+        ("[ports]\nfind = false", ":2: [ports] find: is off and no port is listed"),
         ("[ports]\nnamed = 'a'", '"a" is not a list of: text in quotes'),
-        ("\n[ports]\nnmed = ['a']", ":3: [ports] nmed: there is no such key; is it"),
-        ("[log]\nprefix = 'x'", "no such key here; is it [zenoh] prefix?"),
+        (
+            "\n[ports]\nnmed = ['a']",
+            ":3: [ports] nmed: there is no such key; did you mean",
+        ),
+        ("[log]\nprefix = 'x'", "no such key here; did you mean [zenoh] prefix?"),
         ("[log]\nzzz = 'x'", "no such key; there are enabled, dir, "),
-        ("[logs]\ndir = 'x'", ":1: logs: there is no such key; is it log?"),
+        ("[logs]\ndir = 'x'", ":1: logs: there is no such key; did you mean log?"),
         ("log = 7", ":1: log: it is a section: [log] on a line of its own"),
         ("[probes]\nname = 'x'", "[probes] name: it is a section: [probes.ID]"),
         ("[log]\nenabled = 'yes'", '[log] enabled: "yes" is not true or false'),
@@ -116,22 +119,25 @@ def test_a_port_may_have_a_rate_of_its_own(
         ("[metrics]\nlisten = '9735'", "is not HOST:PORT"),
         (
             "[web]\norigins = ['https://a.example:8443', 'null', 'a.example/x']",
-            ':2: [web] origins: "a.example/x" is no origin, as https://example.org',
+            ':2: [web] origins: "a.example/x" is not an origin such as https://example.org',
         ),
-        ("[metrics]\nlisten = '0.0.0.0:9735'", "0.0.0.0 is beyond this machine"),
+        (
+            "[metrics]\nlisten = '0.0.0.0:9735'",
+            "0.0.0.0 is reachable from other machines",
+        ),
         ("[foxglove]\nenabled = true\nlisten = '8765'", "is not HOST:PORT"),
         (
             "[foxglove]\nenabled = true\nlisten = '0.0.0.0:8765'",
-            "0.0.0.0 is beyond this machine",
+            "0.0.0.0 is reachable from other machines",
         ),
         (
             "[zenoh]\nkeys = 'k'\nlisten = []\n[foxglove]\nenabled = true",
-            "Foxglove logs in nowhere",
+            "Foxglove has no login",
         ),
         ("[openigtlink]\nenabled = true\nlisten = '18944'", "is not HOST:PORT"),
         (
             "[openigtlink]\nenabled = true\nlisten = '0.0.0.0:18944'",
-            "0.0.0.0 is beyond this machine",
+            "0.0.0.0 is reachable from other machines",
         ),
         (
             "[zenoh]\nkeys = 'k'\nlisten = []\n[openigtlink]\nenabled = true",
@@ -148,7 +154,7 @@ def test_a_port_may_have_a_rate_of_its_own(
             "'Tip1' and 'tip-1' are both Tip1 in OpenIGTLink",
         ),
         ("[journal]\nquiet_s = -1", "-1 is not a number from 0 to 3600"),
-        ("[probes.stylus]\nname = 'x'", ":1: [probes] stylus: an id is 16"),
+        ("[probes.stylus]\nname = 'x'", ":1: [probes] stylus: an id has 16"),
         (
             "[probes.00112233445566aa]\npose_rate = 1001",
             ":2: [probes.00112233445566aa] pose_rate: 1001 is not a whole number from",
@@ -165,7 +171,7 @@ def test_a_port_may_have_a_rate_of_its_own(
         (
             "[probes.00112233445566aa]\nname = 'x'\n"
             "[probes.00112233445566ab]\nname = 'x'",
-            ':4: [probes.00112233445566ab] name: "x" is the name of another',
+            ':4: [probes.00112233445566ab] name: "x" is also the name of another',
         ),
         ("ports = [", "is not TOML"),
         ("x = 2026-02-30", "is not TOML"),
