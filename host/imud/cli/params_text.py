@@ -71,7 +71,7 @@ def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
     yield from _titled("options", [words + str(options.reference)])
     if params.unknown:
         tags = ", ".join(f"{tag} ({len(b)} bytes)" for tag, b in params.unknown.items())
-        yield from _titled("unknown", [f"records of other firmware (kept): {tags}"])
+        yield from _titled("unknown", [f"records of other firmware, kept: {tags}"])
     for fault in params.faults():
         yield from _titled("fault", [fault])
 
