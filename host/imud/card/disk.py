@@ -52,7 +52,7 @@ class Disk:
         return b"".join(parts)
 
     def read(self, sector: int, count: int) -> bytes:
-        """So many sectors from `sector`, fewer at the end of the card."""
+        """`count` sectors from `sector`, fewer at the end of the card."""
         return self.read_at(sector * SECTOR, count * SECTOR)
 
     def write(self, sector: int, data: bytes) -> None:
@@ -166,8 +166,8 @@ def refuse_unless_card(
     """
     if not (blocks / number).exists():
         raise FileError(
-            f"{path} can't be looked up; cards are prepared under Linux, images "
-            "anywhere"
+            f"{path} can't be checked on this system; prepare cards under Linux, "
+            "images anywhere"
         )
     disk = (blocks / number).resolve()
     if (disk / "partition").exists():
@@ -176,7 +176,7 @@ def refuse_unless_card(
     numbers = {number} | {_text_of(part) for part in disk.glob("*/dev")}
     places = [place for at, place in _mounted(mounts) if at in numbers]
     if _SYSTEM.intersection(places):
-        raise FileError(f"{path} is the disk this computer runs from")
+        raise FileError(f"{path} is this computer's system disk")
     if places:
         raise FileError(
             f"{path} is mounted at {', '.join(places)}; umount {' '.join(places)}"
@@ -189,7 +189,7 @@ def refuse_unless_card(
         _text_of(disk / "removable") == "1" or _text_of(disk / "device/type") == "SD"
     )
     if not is_card and not disk.name.startswith("loop"):
-        raise FileError(f"{path} is not a card: it can't be taken out")
+        raise FileError(f"{path} is not a card: it is not removable")
     if _text_of(disk / "size") == "0":
         raise FileError(f"no card is in {path}; put it in")
     if _text_of(disk / "ro") == "1":

@@ -265,7 +265,7 @@ class _Volume:
         size, self._cluster, reserved, fats = fields[2:6]
         self._fat, self._root = fields[14], fields[17]
         if size != SECTOR or 0 in (self._cluster, fats) or self._root < _ROOT:
-            raise NoLog("its FAT32 is not one for cards")
+            raise NoLog("its FAT32 is not of a card")
         self._fats = self._start + reserved
         self._data = self._fats + fats * self._fat
 
@@ -281,7 +281,7 @@ class _Volume:
             cluster = self._next(cluster)
             if not _ROOT <= cluster < _ROOT + self._fat * SECTOR // 4:
                 raise NoLog("it has no PROBE.LOG")
-        raise NoLog("its folder goes in a circle")
+        raise NoLog("its folder's cluster chain is a loop")
 
     def _file(self, cluster: int, size: int) -> LogExtent:
         count = -(-size // (self._cluster * SECTOR))
@@ -297,8 +297,7 @@ class _Volume:
         links = np.frombuffer(chain, "<u4")[first : first + count - 1] & _CLUSTER_MASK
         if np.any(links != np.arange(cluster + 1, cluster + count)):
             raise NoLog(
-                "its PROBE.LOG is not in one piece; copy it from the card and name "
-                "the copy"
+                "its PROBE.LOG is fragmented; copy it from the card and read the copy"
             )
         return LogExtent(self._at(cluster) * SECTOR, size)
 
@@ -324,5 +323,5 @@ class _Volume:
     def _sectors(self, first: int, count: int) -> bytes:
         data = self._read(first, count)
         if len(data) < count * SECTOR:
-            raise NoLog("it ends before its file system does")
+            raise NoLog("it is shorter than its file system")
         return data

@@ -24,7 +24,7 @@ _ID = {message.name: message.id for message in schema.MESSAGES}
 
 @dataclass(slots=True)
 class Survey:
-    """What a recording holds, by the headers of its messages."""
+    """The contents of a recording, from the headers of its messages."""
 
     probe: str = NOBODY
     messages: Counter[int] = field(default_factory=Counter)  # by their id

@@ -37,13 +37,13 @@ def prepare(
         if size % _CARD_UNIT:
             raise ConfigError(f"--size {size} is not a multiple of 512K, as cards are")
         if path.exists():
-            raise FileError(f"{path} is there; --size is for an image that is not")
+            raise FileError(f"{path} already exists; --size is for a new image")
         layout = _lay_out(path, size // SECTOR, log_size)
         with disk.created(path, size) as card:
             _write(card, layout, is_fresh=True)
         return 0
     if not path.exists() and path.parent.is_dir() and path.parent != Path("/dev"):
-        raise FileError(f"{path} is not there; --size BYTES makes an image")
+        raise FileError(f"{path} does not exist; --size BYTES creates an image")
     with disk.claimed(path) as card:
         layout = _lay_out(path, card.sectors, log_size)
         if not is_agreed:
@@ -63,15 +63,15 @@ def _ask(card: Disk) -> None:
     if not sys.stdin.isatty():
         raise FileError(
             f"{card.path} ({_size(card.bytes)}, {_what_is_on(card)}) would be "
-            "overwritten; say --yes"
+            "overwritten; pass --yes"
         )
     sys.stderr.write(
-        f"{card.path} has {_size(card.bytes)} and holds {_what_is_on(card)}.\n"
-        "All of it will be lost. Type yes to go on: "
+        f"{card.path} has {_size(card.bytes)} and holds {_what_is_on(card)}.\nAll of "
+        "it will be lost. Type yes to continue: "
     )
     sys.stderr.flush()
     if sys.stdin.readline().strip() != "yes":
-        raise FileError(f"{card.path} was left as it is")
+        raise FileError(f"{card.path} was not changed")
 
 
 def _what_is_on(card: Disk) -> str:
@@ -92,7 +92,7 @@ def _what_else_is_on(begin: bytes) -> str:
     if types:
         names = ", ".join(f"{each:#04x}" for each in types)
         return f"{plural(len(types), 'partition')} (type {names})"
-    return "something else" if any(begin) else "nothing at its start"
+    return "something else" if any(begin) else "no file system"
 
 
 def _write(card: Disk, layout: fat.Layout, *, is_fresh: bool) -> None:
@@ -121,8 +121,8 @@ def _write(card: Disk, layout: fat.Layout, *, is_fresh: bool) -> None:
         for sector, data in pieces():
             if card.read(sector, len(data) // SECTOR) != (data if sector else table):
                 raise FileError(
-                    f"{card.path} does not keep what is written to it (sector "
-                    f"{sector}); take another card"
+                    f"{card.path} does not store what is written (sector {sector}); "
+                    "use another card"
                 )
             bar.update(layout.log + min(sector, layout.log))
     finally:

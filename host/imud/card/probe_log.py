@@ -29,7 +29,7 @@ _BLOCK = struct.Struct("<IIHBx")
 _CRC_AT = SECTOR - 4
 _WORDS = SECTOR // 4
 
-# Blocks checked at once: 1 MiB. So many without a good one are the end of the log.
+# Blocks checked at once: 1 MiB. This many without a good one mark the end of the log.
 LOOK = 2048
 # Blocks decoded at once: some hundred messages, so that the progress bar moves.
 _DECODE = 64
@@ -78,8 +78,8 @@ class CardLog:
         _, version, size, self.card_id, self.lba, self.blocks = _HEAD.unpack_from(head)
         if (version, size) != (VERSION, SECTOR):
             raise FileError(
-                f"{card.path} holds a log of version {version}, this imud reads "
-                f"{VERSION}: use the imud of its time"
+                f"{card.path} has a log of version {version}, this imud reads "
+                f"{VERSION}: use the version that wrote it"
             )
         there = min(place.size, card.bytes - place.offset) // SECTOR
         self.blocks = min(self.blocks, there)  # a copy may have been cut short
@@ -136,8 +136,8 @@ class CardLog:
     def frames(self, recording: CardRecording) -> Iterator[bytes]:
         """The bytes of a recording, as chunks of whole blocks.
 
-        A frame goes on after a worn block, which the probe skipped when it wrote. It
-        does not go on after a block that was damaged later.
+        A frame continues after a worn block, which the probe skipped when it wrote. It
+        does not continue after a block that was damaged later.
         """
         begun = b""  # the start of a frame at the end of the last block
         for run in recording.runs:
@@ -174,6 +174,7 @@ def find_log(card: Disk) -> CardLog:
         place = fat.find_log(card.read)
     except fat.NoLog as reason:
         raise FileError(
-            f"{card.path} is no card of a probe: {reason}; imud card prepare makes one"
+            f"{card.path} is not a probe's card: {reason}; prepare one with imud card "
+            "prepare"
         ) from reason
     return CardLog(card, place)

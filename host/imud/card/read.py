@@ -32,7 +32,7 @@ from imud.wire import schema
 
 @dataclass(slots=True)
 class _Copied:
-    """What came of a recording."""
+    """The result of reading a recording."""
 
     messages: Counter[str] = field(default_factory=Counter)
     first_sequence: int = 0
@@ -65,8 +65,10 @@ def read(
             if not recordings:
                 raise FileError(f"{path} has no recording {number}; it has {there}")
         if started_ns is not None and len(recordings) > 1:
-            raise ConfigError("--started is of one recording: say --recording N, too")
-        with disk.as_file_error(f"write to {to}", "; name another place with --to DIR"):
+            raise ConfigError("--started applies to one recording: add --recording N")
+        with disk.as_file_error(
+            f"write to {to}", "; choose another folder with --to DIR"
+        ):
             to.mkdir(parents=True, exist_ok=True)
         progress = bar(recordings)
         writer = _LogWriter(log, to, prefix, started_ns, progress)
@@ -120,10 +122,12 @@ class _LogWriter:
         stem = f"card-{self._log.card_id:08x}-{probe.probe_id}-{recording.number}"
         path = self._to / f"{stem}.mcap"
         if path.exists():
-            self._say(f"{name}: {path} is there already")
+            self._say(f"{name}: {path} already exists")
             return _Outcome()
         part = path.with_name(f"{path.name}.part")
-        with disk.as_file_error(f"write {path}", "; name another place with --to DIR"):
+        with disk.as_file_error(
+            f"write {path}", "; choose another folder with --to DIR"
+        ):
             file = part.open("wb")
             log = LogFile(file, Settings(prefix=self._prefix))
             try:
@@ -141,9 +145,10 @@ class _LogWriter:
                 raise
         if found.other is not None:
             self._say(
-                f"{name}: probe {found.other.probe_id} speaks schema "
+                f"{name}: probe {found.other.probe_id} has schema "
                 f"{found.other.fingerprint:#010x} (firmware {found.other.firmware}), "
-                f"this imud speaks {schema.FINGERPRINT:#010x}: use the imud of its time"
+                f"this imud has {schema.FINGERPRINT:#010x}: use the version that "
+                "wrote it"
             )
             return _Outcome(is_unread=True)
         if not found.messages:

@@ -54,7 +54,7 @@ def hurt(blocks: list[bytes], damages: list[tuple[int, str]]) -> set[int]:
             block = block[: place % 512] + b"\xff" * (512 - place % 512)
         elif kind == "rubbish":
             block = bytes((byte * 7 + place) & 0xFF for byte in block)
-        elif kind == "stale":  # of this place, from before the card was prepared anew
+        elif kind == "stale":  # of this place, from before the card was prepared again
             head = (0x777).to_bytes(4, "little")
             block = sealed(head + block[4:508])
         else:
@@ -138,7 +138,7 @@ def test_all_but_the_damaged_blocks_comes_back_message_by_message(
 def test_a_place_that_was_cut_and_written_again_belongs_to_who_wrote_it(
     tmp_path: Path,
 ) -> None:
-    """A cut spoilt block 5 of a run; the next recording goes on there, and what the
+    """A cut spoilt block 5 of a run; the next recording continues there, and what the
     card had written behind it is still the first one's."""
     first, second = (contents_of(FakeProbe(), count) for count in (120, 20))
     old = laid([tape(first, is_ended=False)], 0x1234)
@@ -235,7 +235,7 @@ def test_a_file_moved_by_a_computer_is_not_read_as_if_it_were_in_one_piece(
     with path.open("r+b") as file:
         file.seek(entry)
         file.write((first + 7).to_bytes(4, "little"))
-    with disk.opened(path) as image, pytest.raises(FileError, match="in one piece"):
+    with disk.opened(path) as image, pytest.raises(FileError, match="is fragmented"):
         find_log(image)
 
 

@@ -80,14 +80,14 @@ def test_a_mounted_card_is_refused(tmp_path: Path, kernel: Path, number: str) ->
         "/dev/sdb is mounted at /media/a card; umount /media/a card"
     )
     assert refusal(tmp_path, mounts=mount(number, "/")) == (
-        "/dev/sdb is the disk this computer runs from"
+        "/dev/sdb is this computer's system disk"
     )
 
 
 @pytest.mark.parametrize(
     ("name", "text", "told"),
     [
-        ("removable", "0", "/dev/sdb is not a card: it can't be taken out"),
+        ("removable", "0", "/dev/sdb is not a card: it is not removable"),
         ("ro", "1", "/dev/sdb is read-only; slide the lock at the card's side"),
         ("size", "0", "no card is in /dev/sdb; put it in"),
         ("sdb2/holders/dm-0", "", "/dev/sdb is in use by dm-0"),
@@ -107,7 +107,7 @@ def test_a_partition_is_not_taken_for_a_card(tmp_path: Path, kernel: Path) -> No
     table.write_text("")
     with pytest.raises(FileError, match=r"the card itself: /dev/sdb$"):
         disk.refuse_unless_card(Path("/dev/sdb1"), "8:17", tmp_path / "blocks", table)
-    assert "cards are prepared under Linux" in refusal(tmp_path, "9:9")
+    assert "prepare cards under Linux" in refusal(tmp_path, "9:9")
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def loop(tmp_path: Path) -> Iterator[Path]:
 def test_a_block_device_is_prepared_and_read(
     tmp_path: Path, loop: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert "(67.1 MB, nothing at its start)" in error_of(capsys, "prepare", loop)
+    assert "(67.1 MB, no file system)" in error_of(capsys, "prepare", loop)
     descriptor = os.open(loop, os.O_RDONLY | os.O_EXCL)  # as a mount holds it
     assert error_of(capsys, "prepare", loop, "--yes") == (
         f"{loop} is in use; unmount all of it first"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What can't be prepared, read or written is told in one line."""
+"""A card that can't be prepared, read or written causes a one-line error."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_what_can_not_be_prepared_is_refused_in_a_line(
     )
     assert not small.exists()
     assert error_of(capsys, "prepare", small) == (
-        f"{small} is not there; --size BYTES makes an image"
+        f"{small} does not exist; --size BYTES creates an image"
     )
     assert error_of(capsys, "prepare", "/dev/nothing") == (
         "can't look at /dev/nothing: No such file or directory; put the card in, and "
@@ -52,7 +52,7 @@ def test_what_can_not_be_prepared_is_refused_in_a_line(
     small.write_bytes(b"a letter")
     assert "too small" in error_of(capsys, "prepare", small, "--yes")
     assert error_of(capsys, "prepare", small, "--size", "64M") == (
-        f"{small} is there; --size is for an image that is not"
+        f"{small} already exists; --size is for a new image"
     )
     assert small.read_bytes() == b"a letter"
     assert "multiple of 512K" in error_of(
@@ -79,7 +79,7 @@ def test_nothing_is_overwritten_without_a_yes(
     before = path.read_bytes()
     assert re.fullmatch(
         re.escape(str(path)) + r" \(35.7 MB, the log of a probe, 2.\d kB of it "
-        r"written\) would be overwritten; say --yes",
+        r"written\) would be overwritten; pass --yes",
         error_of(capsys, "prepare", path),
     )
     for answer in ("", "\n", "y\n", "no\n"):
@@ -87,7 +87,7 @@ def test_nothing_is_overwritten_without_a_yes(
         assert run("prepare", path) == 1
         told = capsys.readouterr().err
         assert "has 35.7 MB and holds the log of a probe" in told
-        assert told.endswith(f"imud: {path} was left as it is\n")
+        assert told.endswith(f"imud: {path} was not changed\n")
     assert path.read_bytes() == before
     monkeypatch.setattr(sys, "stdin", Terminal("yes\n"))
     assert run("prepare", path) == 0
@@ -117,11 +117,11 @@ def test_what_is_on_a_card_is_named(tmp_path: Path) -> None:
     assert "something else" in named()
     path.write_bytes(b"")
     os.truncate(path, SMALL)
-    assert "nothing at its start" in named()
+    assert "no file system" in named()
 
 
 def error_of_ask(path: Path) -> str:
-    with pytest.raises(FileError, match="say --yes") as caught:
+    with pytest.raises(FileError, match="pass --yes") as caught:
         prepare.prepare(path, size=None, log_size=None, is_agreed=False)
     return str(caught.value)
 
@@ -140,7 +140,7 @@ def test_a_card_that_does_not_keep_what_is_written_is_found_out(
     monkeypatch.setattr(Disk, "write", write)
     told = error_of(capsys, "prepare", path, "--size", SMALL)
     assert told.endswith(
-        "does not keep what is written to it (sector 128); take another card"
+        "does not store what is written (sector 128); use another card"
     )
     assert not path.exists()
 
@@ -152,7 +152,7 @@ def test_a_preparation_that_is_cut_leaves_no_card_of_a_probe(
     places: list[int] = []
     monkeypatch.setattr(Disk, "write", lambda _, sector, __: places.append(sector))
     monkeypatch.setattr(Disk, "read", lambda *_: b"")
-    with pytest.raises(FileError, match="does not keep"):
+    with pytest.raises(FileError, match="does not store"):
         prepare.prepare(path, size=None, log_size=None, is_agreed=True)
     monkeypatch.undo()
     assert places[0] == places[-1] == 0
@@ -169,7 +169,7 @@ def test_a_preparation_that_is_cut_leaves_no_card_of_a_probe(
             patch.setattr(Disk, "write", write)
             told = error_of(capsys, "prepare", path, "--yes")
             assert told == f"can't write {path}: Input/output error"
-        assert "is no card of a probe" in error_of(capsys, "list", path)
+        assert "is not a probe's card" in error_of(capsys, "list", path)
     assert run("prepare", path, "--yes") == 0
 
 
@@ -186,13 +186,11 @@ def test_what_can_not_be_read_is_told_in_a_line(
     for data in (b"", b"a letter", bytes(4096), b"\x55\xaa" * 4096):
         file.write_bytes(data)
         assert error_of(capsys, "list", file).startswith(
-            f"{file} is no card of a probe: "
+            f"{file} is not a probe's card: "
         )
     head = struct.pack("<8sHHIII", b"IMUPROBE", 2, 512, 5, 8192, 100)
     file.write_bytes(sealed(head.ljust(508, b"\0")))
-    assert "holds a log of version 2, this imud reads 1" in error_of(
-        capsys, "list", file
-    )
+    assert "has a log of version 2, this imud reads 1" in error_of(capsys, "list", file)
     file.write_bytes(head.ljust(512, b"\0"))
     assert "was not prepared for a probe" in error_of(capsys, "read", file)
     path = bare(tmp_path, blocks_of([FakeProbe(), FakeProbe()], 0x1234))
@@ -200,7 +198,7 @@ def test_what_can_not_be_read_is_told_in_a_line(
         f"{path} has no recording 7; it has 1, 2"
     )
     assert error_of(capsys, "read", path, "--started", "2026-01-02") == (
-        "--started is of one recording: say --recording N, too"
+        "--started applies to one recording: add --recording N"
     )
     with pytest.raises(SystemExit, match="2"):
         run("read", path, "--started", "yesterday")
@@ -215,10 +213,11 @@ def test_a_full_disk_is_told_and_leaves_no_half_log(
     log = to / f"card-00001234-{FakeProbe().name}-1.mcap"
     (to / f"{log.name}.part").symlink_to("/dev/full")
     assert error_of(capsys, "read", path, "--to", to) == (
-        f"can't write {log}: No space left on device; name another place with --to DIR"
+        f"can't write {log}: No space left on device; choose another folder with "
+        "--to DIR"
     )
     assert list(to.iterdir()) == []
     (tmp_path / "file").touch()
-    assert "name another place with --to DIR" in error_of(
+    assert "choose another folder with --to DIR" in error_of(
         capsys, "read", path, "--to", tmp_path / "file"
     )

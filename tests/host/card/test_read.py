@@ -168,7 +168,7 @@ def test_what_was_read_before_is_left_alone(
     assert frames_of(logs_in(tmp_path)[2]) == [
         message.content for message in tapes[1].messages
     ]
-    assert f"recording 1: {before} is there already" in lines_of(capsys)
+    assert f"recording 1: {before} already exists" in lines_of(capsys)
 
 
 def test_decode_tells_of_a_card_and_of_its_logs_the_same(
@@ -234,9 +234,7 @@ def test_a_recording_of_another_schema_is_named_and_the_others_are_read(
     path = bare(tmp_path, blocks_of([other, FakeProbe()], 0x1234))
     assert run("read", path, "--to", tmp_path) == 1
     captured = capsys.readouterr()
-    assert (
-        "recording 1: probe 00112233445566aa speaks schema 0x12345678" in captured.out
-    )
+    assert "recording 1: probe 00112233445566aa has schema 0x12345678" in captured.out
     assert captured.err == f"imud: 1 recording of {path} can't be read\n"
     assert list(logs_in(tmp_path)) == [2]
 
