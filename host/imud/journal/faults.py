@@ -53,22 +53,22 @@ _WORDS = {
         "short, and the module's power"
     ),
     ("sensor_fault", "timeout"): (
-        "the sensor answers but does not get ready: switch its power off and on, else "
-        "replace the module"
+        "the sensor answers but does not become ready: switch its power off and on; "
+        "if that does not help, replace the module"
     ),
     ("sensor_fault", "no_data_ready"): (
         "the sensor signals no samples: check {ready}, then {lines}"
     ),
     ("sensor_fault", "mag_silent"): (
         "the magnetometer stopped measuring, or answers again: the sensor is set up "
-        "again. If this goes on, check the module's power, else replace the module"
+        "again. If this repeats, check the module's power, then replace the module"
     ),
     ("sensor_fault", "mag_stuck"): (
-        "the magnetometer holds its bus; it is tried again, meanwhile there is no "
-        "heading. If this goes on, switch the power off and on"
+        "the magnetometer blocks its bus; the probe retries, without heading "
+        "meanwhile. If this repeats, switch the power off and on"
     ),
     ("calibration_refused", "motion"): (
-        "the probe moved while its gyroscope was calibrated at rest ({} counts): lay "
+        "the probe moved during its gyroscope's calibration at rest ({} counts): lay "
         "it down"
     ),
     ("overrun", "late"): "samples missed: {}; the processor was busy",
@@ -76,26 +76,26 @@ _WORDS = {
         "the stored settings were damaged or there were none: defaults are in use"
     ),
     ("settings_failed", "none"): (
-        "the settings can not be stored: they last until the power is off"
+        "the settings can't be stored: they are lost at power-off"
     ),
     ("params_lost", "worn"): (
-        "the stored params are damaged: put a saved file in force with imud params load"
+        "the stored params are damaged: restore a saved file with imud params load"
     ),
-    ("card_fault", "absent"): "no card: insert one that imud card prepare has written",
-    ("card_fault", "unprepared"): "the card is not prepared: imud card prepare",
+    ("card_fault", "absent"): "no card: insert one prepared by imud card prepare",
+    ("card_fault", "unprepared"): "the card is not prepared: run imud card prepare",
     (
         "card_fault",
         "timeout",
     ): "the card does not answer in time: reinsert or replace it",
     ("card_fault", "rejected"): (
-        "what is sent to the card arrives damaged, at block {}: shorten its wires, "
-        "else replace it"
+        "data arrives damaged at the card, at block {}: shorten its wires, or replace "
+        "it"
     ),
     ("card_fault", "worn"): (
-        "the card does not keep what is written, at block {}: replace it"
+        "the card does not store what is written, at block {}: replace it"
     ),
     ("card_fault", "late"): (
-        "the card takes too long to write, at block {}: messages are not logged; use a "
+        "the card writes too slowly, at block {}: messages are not logged; use a "
         "faster one"
     ),
     ("card_full", "full"): (
@@ -104,7 +104,7 @@ _WORDS = {
     ),
     ("battery_low", "battery"): "the battery is at {} mV: charge it",
     ("going_to_sleep", "battery"): "the battery is at {} mV: charge it",
-    ("radio_dropped", "none"): "the host is out of reach, or closed the link",
+    ("radio_dropped", "none"): "the host is out of range, or closed the link",
     ("radio_fault", "timeout"): (
         "the radio module does not answer: check its power and wires"
     ),
@@ -117,17 +117,17 @@ _WORDS = {
         "start: see docs/micropython.md"
     ),
     ("data_ready_polled", "no_data_ready"): (
-        "the sensor is asked for its samples, because its data-ready never came: for "
-        "exact times check {ready}"
+        "the sensor is polled, because its data-ready signal never came: for exact "
+        "times check {ready}"
     ),
     ("bus_recovered", "none"): "the sensor works again",
 }
 # When the crystal failed, by the detail: 0 or 1.
-_CLOCK_FAILED = ("at its start", "while it ran")
+_CLOCK_FAILED = ("at startup", "while running")
 
 
 def fault_words(event: str, cause: str, detail: int, board: str = "") -> str:
-    """What happened and what to do; empty for an event that is none of these."""
+    """The fault and its remedy; empty for an event that is not a fault."""
     if event == "clock_failed":
         return (
             f"the crystal failed {_CLOCK_FAILED[detail != 0]}; the internal oscillator "
@@ -154,8 +154,8 @@ def _wrong_chip(detail: int, board: str) -> str:
     if board == "f405":
         return (
             f"answers 0x{detail:02X} at {wiring.address}, which is not an LSM9DS0 (it "
-            "answers 0xD4 and 0x49): check SDO_G and SDO_XM to 3.3 V, else replace the "
-            "module"
+            "answers 0xD4 and 0x49): check SDO_G and SDO_XM to 3.3 V, then replace "
+            "the module"
         )
     return (
         f"answers {identity_words(detail)}, which is not a chip that this firmware can "
@@ -180,8 +180,8 @@ def _registers(detail: int, _: str) -> str:
 def _force(detail: int, _: str) -> str:
     return (
         "the accelerometer measures no force near 1 g at rest (it answers "
-        f"{identity_words(detail)}): hold it still; else it is broken or of another "
-        "family: replace the module"
+        f"{identity_words(detail)}): hold it still; if that does not help, it is "
+        "broken or of another family: replace the module"
     )
 
 

@@ -48,7 +48,7 @@ def is_systemds(stream: TextIO, environment: Mapping[str, str] = os.environ) -> 
 
 
 def handler() -> logging.Handler:
-    """Writes to stderr in the format for whoever reads it."""
+    """Writes to stderr in the format for its reader: a terminal or systemd."""
     out = logging.StreamHandler(sys.stderr)
     out.setFormatter(OneLine(has_time=not is_systemds(sys.stderr)))
     return out

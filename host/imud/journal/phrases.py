@@ -33,7 +33,8 @@ FAULTS = frozenset(
     }
 )
 
-# What the detail of other events means; of an event that is not here, a bare number.
+# The meaning of the detail of other events; of an event that is not listed, a bare
+# number.
 DETAILS = {
     "calibration_done": "{} samples",
     "card_ready": "at block {}",
@@ -53,21 +54,23 @@ def port_problem(
         rates = f" at {' or '.join(map(str, bauds))} baud" if bauds else ""
         return (
             f"{port}: {event.count} bytes without a valid message; "
-            f"is it a probe{rates}?"
+            f"check that it is a probe{rates}"
         )
     if isinstance(event, Silent):
         return (
-            f"{port}: nothing received for {event.seconds:.0f} s; is the probe alive?"
+            f"{port}: nothing received for {event.seconds:.0f} s; check that the "
+            "probe is powered"
         )
     return (
-        f"{port}: probe {event.probe_id} speaks schema {event.fingerprint:#010x} "
-        f"(firmware {event.firmware}), this imud speaks {schema.FINGERPRINT:#010x}: "
+        f"{port}: probe {event.probe_id} has schema {event.fingerprint:#010x} "
+        f"(firmware {event.firmware}), this imud has {schema.FINGERPRINT:#010x}: "
         "update one of them"
     )
 
 
 def who(hello: Message) -> str:
-    """What a probe's hello says about it: board, firmware, sensor, rates, boot."""
+    """The description of a probe from its hello: board, firmware, sensor, rates,
+    boot."""
     fields = {name: plain(value) for name, value in hello.fields.items()}
     rates = ", ".join(
         f"{label} {fields[name]} Hz" if fields[name] else f"{label} off"
@@ -87,8 +90,8 @@ def who(hello: Message) -> str:
         for name in fields["reset_cause"]
     ).replace("_", " ")
     return (
-        f"{fields['board']}, firmware {fields['firmware']}, {sensor}, "
-        f"boot {fields['boot_count']} ({cause or 'no cause known'})"
+        f"{fields['board']}, firmware {fields['firmware']}, {sensor}, boot "
+        f"{fields['boot_count']} ({cause or 'cause unknown'})"
     )
 
 

@@ -28,7 +28,7 @@ class Limiter:
         self._burst = burst
 
     def allow(self, kind: object, now_s: float) -> str | None:
-        """What to append to the line, or None to withhold it."""
+        """The text to append to the line, or None to withhold it."""
         spoken = self._spoken_s.setdefault(kind, deque())
         while spoken and now_s - spoken[0] >= self._quiet_s:
             spoken.popleft()

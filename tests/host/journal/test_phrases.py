@@ -21,12 +21,12 @@ from imud.wire import schema
     [
         (
             ("clock_failed", "crystal", 1),
-            "clock failed: the crystal failed while it ran; the internal oscillator "
+            "clock failed: the crystal failed while running; the internal oscillator "
             "runs instead, good to 1 %: replace the board",
         ),
         (
             ("card_fault", "worn", 812),
-            "card fault: the card does not keep what is written, at block 812: "
+            "card fault: the card does not store what is written, at block 812: "
             "replace it",
         ),
         (("log_started", "none", 3), "log started, recording 3"),
@@ -82,13 +82,13 @@ def test_a_bus_that_fails_again_and_again_says_how_often() -> None:
         ("wrong_chip", 0x75, "nano", "answers 0x75, which is not a chip that"),
         ("wrong_chip", 0xEA, "micropython", "answers 0xEA (ICM-20948), which is not"),
         ("wrong_chip", 0x68, "f405", "answers 0x68 at 0x6B or 0x1D, which is not an"),
-        ("registers", 0x1B71, "nano", "register 0x1B does not hold what was written"),
+        ("registers", 0x1B71, "nano", "register 0x1B does not keep the value written"),
         ("registers", 0x1B71, "nano", "the sensor's supply sags or a wire is loose"),
         ("registers", 0x1DEA, "nano", "it answers 0xEA (ICM-20948), which is not an"),
         ("force", 0x74, "nano", "no force near 1 g at rest (it answers 0x74 (MPU-6515"),
         ("mag_silent", 0, "nano", "the magnetometer stopped measuring"),
-        ("mag_stuck", 0, "nano", "the magnetometer holds its bus"),
-        ("timeout", 0, "nano", "the sensor answers but does not get ready"),
+        ("mag_stuck", 0, "nano", "the magnetometer blocks its bus"),
+        ("timeout", 0, "nano", "the sensor answers but does not become ready"),
     ],
 )
 def test_a_fault_of_the_sensor_says_what_to_look_at(
