@@ -2,7 +2,7 @@
 """USB chips and boards of serial ports: the one table that code, the udev rule and
 docs/ports.md are made from.
 
-An id says what a chip is, and not whose: a CH340 may be a probe's or a modem's. Only a
+An id identifies a chip, not its use: a CH340 may be a probe's or a modem's. Only a
 product's name that we give ourselves is ours alone.
 
 Numbers: the drivers of Linux (drivers/usb/serial/ch341.c, ftdi_sio_ids.h, cp210x.c,
@@ -19,7 +19,7 @@ PRODUCT = "imu-probe"
 
 
 class Listed(Protocol):
-    """What is known about a port that is not open: of pyserial's ListPortInfo."""
+    """The attributes of a port that is not open: of pyserial's ListPortInfo."""
 
     device: str
     hwid: str
@@ -101,7 +101,7 @@ def is_ours_alone(port: Listed) -> bool:
 
 
 def table() -> str:
-    """That of docs/ports.md, in Markdown."""
+    """The table of docs/ports.md, in Markdown."""
     rows = ["| USB id | chip or board | left alone by ModemManager |", "|---|---|---|"]
     for a in ADAPTERS:
         when = "yes" if a.is_board else "once adopted"

@@ -163,7 +163,8 @@ def _interface(place: str) -> str:
 
 
 def _bluetooth_address(device: str) -> str:
-    """Of the other end of an rfcomm port (net/bluetooth/rfcomm/tty.c: `address`)."""
+    """Address of the other end of an rfcomm port (net/bluetooth/rfcomm/tty.c:
+    `address`)."""
     try:
         path = Path("/sys/class/tty") / Path(device).name / "address"
         return path.read_text("ascii").strip()

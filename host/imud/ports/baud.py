@@ -27,7 +27,7 @@ SETTLE_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Sound:
-    """What was heard at one rate."""
+    """The bytes received at one rate."""
 
     bytes: int = 0
     frames: int = 0  # good ones
@@ -62,7 +62,8 @@ class Trial:
         return self.rates[self._index]
 
     def judge(self, sound: Sound, now_s: float) -> TrialStep:
-        """What to do next. Called when bytes came, and about ten times a second."""
+        """The next step. Called when bytes have arrived, and about ten times a
+        second."""
         if sound.bytes > 0 and self._first_s is None:
             self._first_s = now_s
         spent_s = now_s - self._since_s

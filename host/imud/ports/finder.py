@@ -200,8 +200,8 @@ class Finder:
         if standing is Standing.UNKNOWN and port.device not in self._told:
             self._told.add(port.device)
             logger.info(
-                "%s: %s, which may be anybody's: not opened; if a probe is on it: "
-                "imud ports adopt %s",
+                "%s: %s, which may belong to another program: not opened; if a probe "
+                "is on it: imud ports adopt %s",
                 *(port.device, kind_of(port), port.device),
             )
         return standing in OPENED
@@ -234,7 +234,7 @@ class Finder:
             try:
                 self._adopted.adopt(port, f"probe {probe_id}")
             except FileError as error:
-                text = f"{name} is ours until this ends: {error}"
+                text = f"{name} is adopted only until imud exits: {error}"
                 self._speaker.say("adopted", text, is_warning=True)
 
     async def _is_held(self, name: str) -> bool:
@@ -249,7 +249,7 @@ class Finder:
         if name not in self._told:
             self._told.add(name)
             logger.info(
-                "%s: %s has it open; it is left alone until that is over",
+                "%s: in use by %s; imud waits until it is closed",
                 *(name, ", ".join(map(str, holders))),
             )
         return True
@@ -302,7 +302,7 @@ class Finder:
         elif before is None and not port.had_probe:
             rates = " or ".join(map(str, self._settings.rates))
             logger.info(
-                "%s: no probe heard at %s baud; the port is closed for other programs "
-                "and tried again, first in %.0f s",
+                "%s: no probe detected at %s baud; the port is closed for other "
+                "programs and retried, first in %.0f s",
                 *(name, rates, pause_s),
             )

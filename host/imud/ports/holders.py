@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Which programs have a port open: a port is shared by whoever opens it, and each then
+"""Which programs have a port open: all programs that open a port share it, and each
 gets some of the bytes. Opening it would also reset many boards.
 """
 
@@ -33,7 +33,7 @@ def holders_of(port: str) -> list[PortHolder]:
     for entry in PROCESSES.iterdir():
         if not entry.name.isdigit() or int(entry.name) == os.getpid():
             continue
-        # It may end meanwhile, or be somebody else's.
+        # It may end meanwhile, or belong to another user.
         with contextlib.suppress(OSError):
             if any(_is(each, wanted) for each in (entry / "fd").iterdir()):
                 program = (entry / "comm").read_text("utf-8", "replace").strip()

@@ -96,7 +96,7 @@ class Link:
     def write(self, data: bytes) -> None:
         """Sends bytes as the port accepts them; PortLost if it is not open."""
         if self._serial is None:
-            raise PortLost(f"{self.port} is not open; plug it in or wait")
+            raise PortLost(f"{self.port} is not open; plug it in, or wait")
         if len(self._pending) + len(data) > PENDING_MAX:
             raise PortLost(
                 f"{self.port} accepts no bytes; unplug it and plug it in again"
@@ -130,7 +130,7 @@ class Link:
         self._unwatch()
         if self._lost is not None and not self._lost.done():
             self._lost.set_result(
-                PortLost(f"{self.port} vanished; it is opened when it is back")
+                PortLost(f"{self.port} disappeared; imud opens it when it returns")
             )
 
     def _unwatch(self) -> None:
@@ -186,13 +186,13 @@ def _open(name: str, baud: int) -> serial.Serial:
         raise _translated(name, error) from error
     except system.PORT_ERRORS as error:
         raise PortRefused(
-            f"{name} can't be set to {baud} baud; is it a serial port?"
+            f"{name} can't be set to {baud} baud; check that it is a serial port"
         ) from error
     try:
         system.make_ours(port)
     except OSError as error:
         port.close()
-        raise PortLost(f"{name} vanished; it is opened when it is back") from error
+        raise PortLost(f"{name} disappeared; imud opens it when it returns") from error
     _ask_for_low_latency(port)
     system.keep_others_out(port, name)
     return port
@@ -219,16 +219,16 @@ async def _reset(port: serial.Serial) -> None:
 def _translated(name: str, error: serial.SerialException) -> LinkError:
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return PortNotFound(f"{name} does not exist; it is opened when it appears")
+        return PortNotFound(f"{name} does not exist; imud opens it when it appears")
     if code in (errno.EBUSY, errno.EAGAIN):
         return PortBusy(
-            f"{name} is in use by another program; it is opened when it is free"
+            f"{name} is in use by another program; imud opens it when it is free"
         )
     if code in (errno.EACCES, errno.EPERM):
         return PortRefused(
-            f"{name} can't be opened without permission; join its group: "
-            "sudo usermod -a -G dialout $USER, and log in again"
+            f"no permission to open {name}; join its group: sudo usermod -a -G "
+            "dialout $USER, and log in again"
         )
     if code == errno.EIO:
-        return PortNotFound(f"{name} has no other end; it is opened when it has one")
-    return PortRefused(f"{name} can't be opened: is it a serial port?")
+        return PortNotFound(f"{name} has no other end; imud opens it when it has one")
+    return PortRefused(f"{name} can't be opened; check that it is a serial port")

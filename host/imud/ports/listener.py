@@ -14,7 +14,8 @@ GONE_NS = 3_000_000_000
 
 
 class Listener(Protocol):
-    """What ports ask about the probes on them, and whom they hand events to."""
+    """The interface that ports use: questions about their probes, and the receiver of
+    events."""
 
     @property
     def timeline(self) -> Timeline: ...

@@ -13,7 +13,8 @@ from imud.ports.standing import PortRow, Standing, rows, same_port, standing_of
 
 
 class LocalPorts:
-    """Belongs to whoever made it. Its calls read /proc and /sys: some milliseconds."""
+    """Owned by its creator. Its calls read /proc and /sys: some
+    milliseconds."""
 
     def __init__(self, settings: PortSettings) -> None:
         self._settings = settings
@@ -29,22 +30,25 @@ class LocalPorts:
         port = self._listed(name)
         standing = standing_of(port, self._settings, self.adopted)
         reasons = {
-            Standing.IGNORED: "[ports] ignore has it",
-            Standing.BUILT_IN: "it is not USB",
+            Standing.IGNORED: "[ports] ignore lists it",
+            Standing.BUILT_IN: "it is not a USB port",
         }
         if (reason := reasons.get(standing)) is not None:
             raise PortRefused(
-                f"{name} can't be adopted: {reason}; name it instead: imud run {name}"
+                f"{name} can't be adopted: {reason}; give it explicitly: imud run "
+                f"{name}"
             )
-        return self.adopted.adopt(port, "adopted by a person")
+        return self.adopted.adopt(port, "adopted by a user")
 
     def release(self, name: str) -> bool:
         """Leaves a port to others, and says whether it was ours."""
         return self.adopted.release(self._listed(name))
 
     def _listed(self, name: str) -> Listed:
-        """What the system knows of a port. PortNotFound if there is none."""
+        """The system's description of a port. PortNotFound if there is none."""
         for port in list_ports.comports():
             if same_port(port.device, name):
                 return port
-        raise PortNotFound(f"{name} is no serial port of this machine; see imud ports")
+        raise PortNotFound(
+            f"{name} is not a serial port of this machine; see imud ports"
+        )

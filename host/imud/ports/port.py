@@ -104,7 +104,7 @@ class Port:
                 task.cancel()
             results = await asyncio.gather(serving, freed, return_exceptions=True)
             self.end()
-        # A link does not end by itself: one that does has a fault to show.
+        # A link should not end: one that does has failed, and its error is shown.
         for result in results:
             if isinstance(result, Exception):
                 raise result

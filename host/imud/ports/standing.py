@@ -18,7 +18,7 @@ from imud.ports.holders import holders_of
 
 
 class Standing(Enum):
-    """Of a port, in the order in which they are looked for."""
+    """Whether a port is opened, and why; checked in this order."""
 
     NAMED = "named"
     IGNORED = "ignored"
@@ -78,7 +78,7 @@ def standing_of(
 def rows(
     listed: Iterable[Listed], settings: PortSettings, adopted: AdoptedPorts
 ) -> Iterator[PortRow]:
-    """What is to be said of each port, sorted."""
+    """The row of each port, sorted."""
     for port in sorted(listed, key=lambda each: each.device):
         standing = standing_of(port, settings, adopted)
         yield PortRow(
@@ -98,14 +98,14 @@ def _why(port: Listed, standing: Standing, adopted: AdoptedPorts) -> str:
     return {
         Standing.NAMED: "named: opened",
         Standing.IGNORED: "in [ports] ignore: never opened",
-        Standing.BUILT_IN: f"opened only if named: imud run {name}",
-        Standing.OURS: "a probe by its USB name: opened",
-        Standing.ADOPTED: f"ours ({since}): opened; to end that: "
-        f"imud ports release {name}",
+        Standing.BUILT_IN: f"opened only if given: imud run {name}",
+        Standing.OURS: "a probe according to its USB name: opened",
+        Standing.ADOPTED: f"ours ({since}): opened; to stop that: imud ports release "
+        f"{name}",
         Standing.OFF: "not opened: [ports] find is off",
-        Standing.ANY: 'opened, as all are: [ports] find is "all"',
-        Standing.UNKNOWN: "not opened: may be anybody's; if a probe is on it: "
-        f"imud ports adopt {name}",
+        Standing.ANY: 'opened, like all ports: [ports] find is "all"',
+        Standing.UNKNOWN: "not opened: may belong to another program; if a probe is "
+        f"on it: imud ports adopt {name}",
     }[standing]
 
 

@@ -48,12 +48,12 @@ _PLAIN = re.compile(r"[A-Za-z0-9_.:-]+")
 
 
 def rules() -> str:
-    """Of all boards, and the links."""
+    """The rule for all boards, and the links."""
     return "".join((_HEAD, *_boards(), _TAIL))
 
 
 def adopted_rules(ports: Iterable[AdoptedPort]) -> str:
-    """Of the ports that are ours by adoption."""
+    """The rule for adopted ports."""
     lines = []
     for port in ports:
         vendor, product, serial = (*port.adapter.split(":", 2), "", "")[:3]

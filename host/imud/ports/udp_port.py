@@ -78,7 +78,7 @@ class UdpPort:
     def receive(
         self, datagram: bytes, address: Address, t_ns: int
     ) -> DatagramFault | None:
-        """A datagram of the probe, or of somebody who says so."""
+        """A datagram of the probe, or one that claims to be."""
         payload = self.peer.open(datagram, address)
         if isinstance(payload, DatagramFault):
             self.refused[payload] += 1
@@ -128,7 +128,7 @@ class UdpPort:
         """The probe of the key; a stand-in for any other that speaks with that key."""
         if probe_id == self.peer.probe_id.hex():
             return self._claim.find(probe_id)
-        text = f"{self.name}: a probe says that it is {probe_id}, with another's key"
+        text = f"{self.name}: a probe claims to be {probe_id}, with the key of another"
         self._speaker.say(("udp", self.name, "other"), text, is_warning=True)
         return Probe(probe_id)
 

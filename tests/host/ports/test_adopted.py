@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 SECONDS = float(os.environ.get("IMU_NEIGHBOUR_SECONDS", "1.5"))
 
-# Reads lines from a port as a serial monitor does, and says what it got.
+# Reads lines from a port as a serial monitor does, and reports what it received.
 OTHER = """
 import hashlib, os, sys, tty
 port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
@@ -62,10 +62,10 @@ def test_a_chip_that_may_be_anybodys_is_not_opened_until_a_person_adopts_it(
         assert not list(desk.finder)
         lines = [r.getMessage() for r in caplog.records]
         assert lines == [
-            f"{port.path}: CH340 (1a86:7523), which may be anybody's: not opened; if a "
-            f"probe is on it: imud ports adopt {port.path}"
+            f"{port.path}: CH340 (1a86:7523), which may belong to another program: not "
+            f"opened; if a probe is on it: imud ports adopt {port.path}"
         ]
-        AdoptedPorts(memory).adopt(desk.devices[0], "adopted by a person")
+        AdoptedPorts(memory).adopt(desk.devices[0], "adopted by a user")
         await desk.open_port(port)
         await desk.say_until_found(port, probe)
         # Released, it is closed although a probe is on it.
@@ -215,7 +215,7 @@ def test_a_chip_with_a_number_of_its_own_is_known_in_any_socket(tmp_path: Path) 
 def test_why_a_port_is_opened_or_not_is_said_of_each(tmp_path: Path) -> None:
     adopted = AdoptedPorts(tmp_path / "ports.json")
     mine = Device("/dev/ttyUSB0", location="1-1")
-    adopted.adopt(mine, "adopted by a person")
+    adopted.adopt(mine, "adopted by a user")
     devices = [
         mine,
         Device("/dev/ttyUSB1", location="1-2"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What goes wrong with a port: one line each, and the daemon goes on."""
+"""Faults of a port: one line each, and the daemon continues."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_an_absent_port_is_told_once_and_taken_up_when_it_comes(
     tmp_path: Path,
 ) -> None:
     with DaemonProcess(tmp_path / "port", directory=tmp_path, log=False) as process:
-        process.expect("port does not exist; it is opened when it appears")
+        process.expect("port does not exist; imud opens it when it appears")
         probe, port = FakeProbe(), Port(tmp_path / "port")
         process.expect(": open$")
         port.write(probe.say("hello"))
@@ -40,7 +40,7 @@ def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> N
     made.port.write(made.probe.poses(5) + made.probe.say("event"))
     made.daemon.expect("stream started")
     made.port.vanish()
-    made.daemon.expect("port vanished; it is opened when it is back")
+    made.daemon.expect("port disappeared; imud opens it when it returns")
     made.probe.poses(4)
     made.port = Port(made.port.path)
     made.daemon.expect(": open$")
@@ -51,7 +51,7 @@ def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> N
     made.daemon.stop()
     made.close()
     lines = [line for line in made.daemon.lines if "port" in line]
-    assert sum("vanished" in line for line in lines) == 1
+    assert sum("disappeared" in line for line in lines) == 1
     assert sum("does not exist" in line for line in lines) == 0
 
 
@@ -73,7 +73,7 @@ def test_a_file_that_is_no_port_is_told_once(tmp_path: Path) -> None:
     file = tmp_path / "port"
     file.touch()
     with DaemonProcess(file, directory=tmp_path, log=False) as process:
-        process.expect("port can't be opened: is it a serial port\\?")
+        process.expect("port can't be opened; check that it is a serial port")
         process.stop()
         assert sum("serial port" in line for line in process.lines) == 1
 
@@ -85,7 +85,9 @@ def test_a_stream_of_noise_is_told_once_and_ends_nothing(tmp_path: Path) -> None
         port.wait_open()
         noise = bytes(range(1, 256)) * 2
         port.write(noise)
-        process.expect("510 bytes without a valid message; is it a probe at 500000")
+        process.expect(
+            "510 bytes without a valid message; check that it is a probe at 500000"
+        )
         port.write(noise + b"\0" + probe.say("hello"))
         process.expect("found on")
         process.stop()
@@ -105,7 +107,7 @@ def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> No
             content = probe.content("pose")
             port.write(_core.encode_frame(schema.SEED ^ 0x1234, content))
             port.write(probe.say("hello"))
-        line = process.expect("speaks schema")
+        line = process.expect("has schema")
         assert f"{schema.FINGERPRINT ^ 0x1234:#010x} (firmware 0.0.9+old)" in line
         assert "update one of them" in line
         with Client(process.endpoint) as client:
@@ -116,10 +118,10 @@ def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> No
             assert status["hello"]["firmware"] == "0.0.9+old"
             assert status["link"]["corrupt"] == 0
             assert status["link"]["foreign"] + status["link"]["partial"] == 20
-            with pytest.raises(CommandRefused, match="speaks another schema"):
+            with pytest.raises(CommandRefused, match="has another schema"):
                 client.command(probe.name, "start")
         process.stop()
-        assert sum("speaks schema" in line for line in process.lines) == 1
+        assert sum("has schema" in line for line in process.lines) == 1
         assert not any("corrupt" in line for line in process.lines)
     port.vanish()
 

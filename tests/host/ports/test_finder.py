@@ -119,7 +119,7 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
         desk.unplug(port)
 
     at_desk(tmp_path, check)
-    lines = [r.getMessage() for r in caplog.records if "no probe heard" in r.msg]
+    lines = [r.getMessage() for r in caplog.records if "no probe detected" in r.msg]
     assert len(lines) == 1
     assert "at 500000 or 921600 baud; the port is closed for other programs" in lines[0]
 

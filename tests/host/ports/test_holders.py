@@ -52,6 +52,8 @@ def test_a_port_that_another_program_has_open_is_left_alone(
         desk.unplug(pty)
 
     at_desk(tmp_path, check)
-    lines = [each.getMessage() for each in caplog.records if "open;" in each.msg]
+    lines = [each.getMessage() for each in caplog.records if "in use by" in each.msg]
     assert len(lines) == 1
-    assert re.search(r"ttyUSB0: python\S* \(process \d+\) has it open; it is", lines[0])
+    assert re.search(
+        r"ttyUSB0: in use by python\S* \(process \d+\); imud waits", lines[0]
+    )

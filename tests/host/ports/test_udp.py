@@ -157,7 +157,7 @@ def test_a_key_speaks_for_its_probe_alone(tmp_path: Path) -> None:
         wire, _ = joined(tmp_path, address, FIRST)
         daemon.expect(f"probe {FIRST} found on")
         wire.send(FakeProbe(probe_id=bytes.fromhex(STRANGER)).say("hello"))
-        daemon.expect(f"a probe says that it is {STRANGER}, with another's key")
+        daemon.expect(f"a probe claims to be {STRANGER}, with the key of another")
         with Client(daemon.endpoint) as client:
             status_when(client, FIRST, lambda status: status["state"] != "gone")
             assert [s["probe_id"] for s in client.statuses()] == [FIRST]
@@ -186,11 +186,11 @@ def test_a_key_is_made_once_and_is_a_secret(
     assert probe_keys.read(tmp_path / "keys") == {bytes.fromhex(FIRST): key}
     assert key.hex() not in capsys.readouterr().out
     assert cli.main(words) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert bytes.fromhex(path.read_text()) == key
     assert cli.main([*words[:-1], "a1"]) == 1
     path.write_text("not a key")
-    with pytest.raises(ConfigError, match="is not what imud keys probe made"):
+    with pytest.raises(ConfigError, match="was not created by imud keys probe"):
         probe_keys.read(tmp_path / "keys")
 
 
