@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""What is known of a probe: its messages in order, its losses, its clock. No I/O."""
+"""The state of a probe: its messages in order, its losses, its clock. No I/O."""

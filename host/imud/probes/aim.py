@@ -68,7 +68,7 @@ class Aim:
     def measure(
         self, pose: Mapping[str, Any], captured: SinceErrors | None = None
     ) -> dict[str, Any]:
-        """What a published pose means, as plain values. `captured`: its errors since
+        """A published pose as plain values. `captured`: its errors since
         the target was captured; None: it was not, or that is not known any more.
         """
         target = self._target
@@ -157,7 +157,7 @@ def sigmas_of(pose: Mapping[str, Any], captured: SinceErrors | None = None) -> S
         return Sigmas(origin.tilt_sigma_deg, turn, "origin", _void(captured))
     tilt, turn = pose["tilt_sigma_deg"], pose["heading_sigma_deg"]
     if "tared" in pose["flags"]:
-        # What the origin was wrong by counts, too, and about as much.
+        # The error of the origin also counts, and is about as large.
         tilt, turn = _both_ends(tilt), _both_ends(turn)
     return Sigmas(tilt, turn, None, _void(captured) or _void(origin))
 

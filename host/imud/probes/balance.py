@@ -20,7 +20,7 @@ _MASK = (1 << 32) - 1
 
 
 class SinkCounts(msgspec.Struct, frozen=True):
-    """What became of the records of one probe at one sink, all at the same moment."""
+    """The outcome of one probe's records at one sink, all at the same moment."""
 
     taken: int = 0
     dropped: int = 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What each kind of chip is specified to measure, at the settings of the firmware.
+"""The specified accuracy of each kind of chip, at the settings of the firmware.
 
 PS: InvenSense PS-MPU-9250A-01, revision 1.0, tables 1 and 2. DS: ST DocID024763,
 revision 2, table 3. Both state no noise of the magnetometer, and DS none at all: there

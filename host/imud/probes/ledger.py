@@ -98,16 +98,16 @@ class Account:
         self._before: BootNumbers | None = None
         self._earlier = BootNumbers()
         self._earlier_sent = 0
-        self._suspect: DecodedFrame | None = None
+        self._pending: DecodedFrame | None = None
         self._lost: int | None = None  # of all boots; None: to be counted again
 
     def note(self, frame: DecodedFrame) -> list[Judged]:
-        """Judges one frame. The result is empty while the frame is held back as a
-        suspect, and may begin with the suspect before it.
+        """Judges one frame. The result is empty while the frame is pending, and may
+        begin with the previous pending frame.
         """
         decoded = frame.decoded
         is_plain = type(decoded) is Message and decoded.name in _PLAIN
-        if is_plain and self._suspect is None and self.boot.follow(frame):
+        if is_plain and self._pending is None and self.boot.follow(frame):
             # Nearly all of them; none is lost.
             return [Judged(frame, FrameVerdict.GOOD)]
 
@@ -124,7 +124,7 @@ class Account:
         is_doubtful = is_far_ahead or ordering is Ordering.IMPOSSIBLE
         if is_doubtful and self._is_copy_of_before(frame):
             return [Judged(frame, FrameVerdict.DUPLICATE)]
-        if ordering is Ordering.COPY and not self._is_next_of_suspect(frame):
+        if ordering is Ordering.COPY and not self._is_next_of_pending(frame):
             self.boot.duplicated += 1
             return [Judged(frame, FrameVerdict.DUPLICATE)]
         if skew is not None and (
@@ -135,8 +135,8 @@ class Account:
             return [self._unplaced(frame)]
         if self._is_other_boot(boot_count):
             return self._restart(frame)
-        if ordering is Ordering.IMPOSSIBLE or self._is_next_of_suspect(frame):
-            return self._suspect_restart(frame, boot_count)
+        if ordering is Ordering.IMPOSSIBLE or self._is_next_of_pending(frame):
+            return self._await_restart(frame, boot_count)
         judged = self.close()
         if ordering is Ordering.LATE and skew is None:
             skew = "late"
@@ -146,10 +146,10 @@ class Account:
         return [*judged, Judged(frame, verdict)]
 
     def close(self) -> list[Judged]:
-        """Ends the wait for a message that decides about a suspect."""
-        if self._suspect is None:
+        """Resolves the pending frame: no following message has confirmed it."""
+        if self._pending is None:
             return []
-        frame, self._suspect = self._suspect, None
+        frame, self._pending = self._pending, None
         self.strays += 1
         return [Judged(frame, FrameVerdict.STRAY)]
 
@@ -160,14 +160,15 @@ class Account:
 
     @property
     def lost(self) -> int:
-        """Of all boots."""
+        """Lost messages of all boots."""
         if self._lost is None:
             self._lost = self.boot.lost + self._earlier_lost
         return self._lost
 
     @property
     def skewed(self) -> Counter[str]:
-        """Of all boots, and those whose number is not believed; by kind."""
+        """Skewed messages of all boots, and those with an implausible sequence number;
+        by kind."""
         return self.boot.skewed + self._earlier.skewed + self.unplaced
 
     def counts(self) -> dict[str, object]:
@@ -195,13 +196,13 @@ class Account:
     def _step(self, frame: DecodedFrame) -> int:
         return self.boot.number(frame.sequence) - self.boot.last
 
-    def _is_next_of_suspect(self, frame: DecodedFrame) -> bool:
-        suspect = self._suspect
+    def _is_next_of_pending(self, frame: DecodedFrame) -> bool:
+        pending = self._pending
         return (
-            suspect is not None
+            pending is not None
             and not hasattr(frame.decoded, "kind")
-            and difference_32(frame.sequence, suspect.sequence) == 1
-            and _continues(suspect, frame)
+            and difference_32(frame.sequence, pending.sequence) == 1
+            and _continues(pending, frame)
         )
 
     def _is_copy_of_before(self, frame: DecodedFrame) -> bool:
@@ -219,28 +220,28 @@ class Account:
         self._earlier.duplicated += 1
         return True
 
-    def _suspect_restart(
+    def _await_restart(
         self, frame: DecodedFrame, boot_count: int | None
     ) -> list[Judged]:
         if boot_count is not None and frame.sequence == 0:
             return self._restart(frame)
-        if self._suspect is not None and _continues(self._suspect, frame):
+        if self._pending is not None and _continues(self._pending, frame):
             return self._restart(frame)
         judged = self.close()
-        self._suspect = frame
+        self._pending = frame
         return judged
 
     def _restart(self, frame: DecodedFrame) -> list[Judged]:
-        suspect, self._suspect = self._suspect, None
+        pending, self._pending = self._pending, None
         judged = []
-        if suspect is not None:
-            if _continues(suspect, frame):
-                judged.append(self._begin(suspect))
+        if pending is not None:
+            if _continues(pending, frame):
+                judged.append(self._begin(pending))
                 self.boot.enter(frame, None)
                 self._learn(frame, _boot_count(frame))
                 return [*judged, Judged(frame, FrameVerdict.GOOD)]
             self.strays += 1
-            judged.append(Judged(suspect, FrameVerdict.STRAY))
+            judged.append(Judged(pending, FrameVerdict.STRAY))
         return [*judged, self._begin(frame)]
 
     def _begin(self, frame: DecodedFrame) -> Judged:

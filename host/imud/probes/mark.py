@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A mark: what somebody notes or measures at a moment, with where the tip of the probe
+"""A mark: a user's note or measurement at a moment, with where the tip of the probe
 was then, its normal, and how far that may be wrong.
 """
 

@@ -12,7 +12,7 @@ from typing import Any
 
 SIGMAS = 1.96  # 95 % of errors are within
 
-# A path goes on where it ended, but for rounding; elsewhere it has another origin.
+# A path continues where it ended, but for rounding; elsewhere it has another origin.
 SAME_M = 1e-4
 NEW_ORIGIN = ("tared", "restarted")  # events
 

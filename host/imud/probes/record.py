@@ -212,7 +212,7 @@ def _of_axes(sigma: Value) -> tuple[float, float, float] | None:
 
 
 def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:
-    """What a board has beside its sensor; None in place of a part that it lacks."""
+    """Equipment of a board beside its sensor; None for a part that it lacks."""
     battery_mv = fields["battery"]
     has_radio, has_card = fields["radio"] != "none", fields["card"] != "none"
     radio = {"state": fields["radio"], "resets": fields["radio_resets"]}

@@ -164,7 +164,7 @@ class References:
         return name
 
     def since_capture(self, name: str) -> SinceErrors | None:
-        """Of the last pose, since that was captured; None: it is not known."""
+        """Errors of the last pose since that was captured; None: unknown."""
         reference = self._captures.get(name)
         if reference is not None:
             return self._since(reference)
@@ -208,7 +208,7 @@ class References:
             self._add(pose["q"], t_us)
 
     def _add(self, q: Quat, t_us: int) -> None:
-        """Adds what it has turned since the last time, and goes on from here."""
+        """Adds what it has turned since the last time, and continues from here."""
         before = self._before
         if before is not None and t_us > before[1]:
             self._turning.add(before[0], q, t_us - before[1])

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The error of a pose relative to an earlier one, from what the probe did meanwhile.
 Much of what makes a pose wrong stays the same, and is not in it. The equations were
-found on made motions: docs/pose.md, benchmarks/honesty/since_origin.py.
+found on simulated motions: docs/pose.md, benchmarks/honesty/since_origin.py.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MOVING_DEG = 0.1
 EVEN_DEG2 = 0.2
 UNEVEN_S, UNEVEN_MAX_DEG2 = 60.0, 10.0
 # After a start each motion raises the sigma, too. Once the least one has fallen to this
-# share the mean begins anew; in an uneven room it falls by a quarter.
+# share the mean restarts; in an uneven room it falls by a quarter.
 SETTLING = 0.5
 
 LOST_DEG = 1e9  # beside which an absolute error is small
@@ -59,7 +59,7 @@ class Quality(msgspec.Struct, frozen=True):
 
 
 def quality_of(params: bytes | None) -> Quality:
-    """Of a probe with these params; conservative where they do not tell it."""
+    """The accuracy of a probe with these params; conservative if they lack it."""
     known = parts_of(params or b"")
     gyr, acc, mag = (known.get(name, {}) for name in ("gyr", "acc", "mag"))
     acc_rad = _or(acc.get("sigma"), ACC_UNKNOWN_M_S2) / GRAVITY_M_S2
@@ -126,7 +126,7 @@ class Turned:
 
 class Unevenness:
     """By how much the square of the stated heading's sigma is above that of its least
-    one, in the mean of the last minute, degrees^2. It begins anew while the heading is
+    one, in the mean of the last minute, degrees^2. It restarts while the heading is
     still settling: when the least one has fallen to a half.
     """
 

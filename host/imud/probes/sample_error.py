@@ -11,7 +11,8 @@ from imud.probes.scales import Vector
 from imud.wire.messages import Message, decode
 from imud.wire.params import parts_of
 
-# Of a gyroscope's zero since its calibration, or the last rest: VQF, biasSigmaInit.
+# Error of a gyroscope's bias since its calibration, or the last rest: VQF,
+# biasSigmaInit.
 ZERO_SIGMA_DPS = 0.5
 # Where the params state none the filter takes these: `fuse_params.h`.
 LEVEL_SIGMA_G = 0.06

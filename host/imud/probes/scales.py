@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the counts of a probe mean: the scales of its hello and its params."""
+"""The scales of a probe's counts, from its hello and its params."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Scales:
     def __init__(self, hello: bytes = b"", params: bytes | None = None) -> None:
         self.hello = hello  # content; empty: not known
         self.params = params  # records in force; None: not known
-        # Of the params that measure() applies. None: there is nothing to apply.
+        # Digest of the params that measure() applies. None: there are none.
         self.digest: int | None = None
         self._calibrator: _core.Calibrator | None = None
         if hello and params is not None:
@@ -32,7 +32,7 @@ class Scales:
                 self.digest = digest_of(params)
 
     def measure(self, raw: bytes) -> Measured:
-        """What the content of a raw message says in SI units."""
+        """The content of a raw message in SI units."""
         calibrator = self._calibrator
         return (None, None, None) if calibrator is None else calibrator.apply(raw)
 

@@ -52,7 +52,7 @@ class SelfTestOutcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Responses:
-    """What was measured at boot, in counts: x, y, z of the accelerometer, then of the
+    """The measurements at boot, in counts: x, y, z of the accelerometer, then of the
     gyroscope. `factory`: codes of the same axes, 0 where there is none.
     """
 
@@ -68,7 +68,7 @@ class Responses:
         return cls(**{name: _integers(fields[name]) for name in cls.__slots__})
 
     def rise(self, axis: int) -> float:
-        """Of an axis, 0 to 5, by the stimulus; in counts."""
+        """The response of an axis, 0 to 5, to the stimulus, in counts."""
         rest = (self.before[axis] + self.after[axis]) / 2
         return self.stimulated[axis] - rest
 

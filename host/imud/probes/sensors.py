@@ -53,11 +53,11 @@ class SensorFinding:
 
 
 _CURES = {
-    "accelerometer": "tilt is not to be trusted; replace the module",
-    "gyroscope": "poses are not to be trusted; replace the module",
+    "accelerometer": "don't trust tilt; replace the module",
+    "gyroscope": "don't trust poses; replace the module",
     "magnetometer": (
-        "heading is not to be trusted; move the probe away from iron and magnets and "
-        "restart it, else replace the module"
+        "don't trust heading; move the probe away from iron and magnets and restart "
+        "it; if that does not help, replace the module"
     ),
 }
 
@@ -94,7 +94,7 @@ def missing_magnetometer(hello: Hello) -> str:
         chip = CHIPS.get(identity, "LSM9DS0")
         return (
             f"the magnetometer of this {chip} does not answer: no heading; switch the "
-            "power off and on, else replace the module"
+            "power off and on; if that does not help, replace the module"
         )
     if identity in (0, MPU6500):
         return (
@@ -120,7 +120,7 @@ def out_of_work(status: Mapping[str, Any]) -> str:
 
 
 def findings_of(hello: Hello, verdicts: Sequence[SensorVerdict]) -> list[SensorFinding]:
-    """What is wrong with the sensors of a probe, or is not known of them."""
+    """Problems and unknowns of a probe's sensors."""
     if hello.get("sensor", "none") == "none":
         return []
     missing = missing_magnetometer(hello)

@@ -32,7 +32,7 @@ WAITING_MAX = 3072
 # A hello and a status come every second: so long without a good frame is a fault.
 SILENT_NS = 3_000_000_000
 
-# Up to so many bytes without a good frame may be part of one, or noise at power-on;
+# Up to this many bytes without a good frame may be part of one, or noise at power-on;
 # more mean another baud rate or another device.
 NOISE_BYTES = 256
 
@@ -97,7 +97,7 @@ Event = ProbeFound | Received | Rejected | OtherSchema | OnlyNoise | Silent
 
 
 class Speaking(Enum):
-    """Who speaks on the port, as far as its hellos say.
+    """The probe on the port, as far as known from its hellos.
 
                   a hello of our schema
     UNNAMED ---------------------------------> OURS
@@ -231,7 +231,7 @@ class Session:
         decoded = messages.decode(content)
         name = decoded.name if isinstance(decoded, Message) else ""
         if name in messages.FROM_HOST:
-            detail = f"{name} comes from the wrong side"
+            detail = f"{name} has the wrong direction"
             decoded = Skew("unknown_message", detail, decoded.sequence, decoded.time_us)
         if decoded.sequence is None or decoded.time_us is None:
             if isinstance(decoded, Skew):

@@ -10,15 +10,15 @@ from imud.rotation import Quat
 
 
 class Signs:
-    """Of the poses of one probe, in their order."""
+    """Signs of the quaternions of one probe's poses, in order."""
 
     def __init__(self) -> None:
         self._t_device_us: float | None = None
         self._last: Quat | None = None
 
     def steady(self, q: Quat, t_device_us: float | None) -> Quat:
-        """`q` on the side of the last one. Device time that goes back begins anew: the
-        probe has restarted.
+        """`q` on the side of the last one. Device time that goes back starts a new
+        series: the probe has restarted.
         """
         last_us, self._t_device_us = self._t_device_us, t_device_us
         if t_device_us is None or last_us is None or t_device_us < last_us:

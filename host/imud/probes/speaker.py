@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Who speaks in a file: its first hello and the params of that, known before the
+"""The probe of a file: its first hello and the params of that, known before the
 messages ahead of them are read.
 """
 
@@ -19,7 +19,7 @@ from imud.wire.params import ParamsParts
 NOBODY = "unknown"
 
 
-# Who stands for all probes beyond PROBES_MAX.
+# Represents all probes beyond PROBES_MAX.
 OTHERS = "others"
 
 
@@ -65,7 +65,7 @@ def speaker_of(known: Introduction | None, name: Callable[[str], Probe]) -> Prob
 
 def probe_of(probes: dict[str, Probe], probe_id: str) -> Probe:
     """The probe of a file with that id, added to `probes`; beyond PROBES_MAX one that
-    stands for all: so many ids are made up.
+    represents all: that many ids are invented.
     """
     if probe_id not in probes and len(probes) >= PROBES_MAX:
         probe_id = OTHERS

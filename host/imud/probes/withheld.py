@@ -6,28 +6,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-LASTING_S = 5  # a reason that lasts for less is no news
+LASTING_S = 5  # a shorter reason is not reported
 
 # By the flag that has the reason, the first that a pose has counts.
 OF_BOTH = {
-    "force_impossible": "the accelerometer can't feel gravity: switch the probe off "
-    "and on; if that does not help, its sensor is dead",
+    "force_impossible": "the accelerometer does not measure gravity: switch the "
+    "probe off and on; if that does not help, its sensor is defective",
 }
 OF_TILT = OF_BOTH | {
-    "starting": "it is still levelling: a few seconds",
+    "starting": "it is still levelling; wait a few seconds",
 }
 OF_HEADING = OF_BOTH | {
-    "mag_absent": "no magnetometer, or one that gives the same reading for ever",
-    "field_impossible": "the magnetic field can't be the Earth's: take the magnet off, "
+    "mag_absent": "no magnetometer, or one with a constant reading",
+    "field_impossible": "the magnetic field can't be the Earth's: remove the magnet, "
     "or move away from steel",
-    "field_unlike": "the magnetic field is not the one that it was calibrated in: turn "
-    "it about each axis once; if that does not help, take the magnet off",
-    "starting": "it is still learning the magnetic field of the place: a few seconds",
+    "field_unlike": "the magnetic field differs from that of its calibration: turn "
+    "it about each axis once; if that does not help, remove the magnet",
+    "starting": "it is still learning the local magnetic field; wait a few seconds",
     "heading_free": "its own magnetic field is not known well enough yet: turn it "
     "about each axis once more",
 }
 NO_ERRORS = "the filter that runs states no errors"
-# What passes by itself.
+# Reasons that pass without action.
 PASSING = frozenset({OF_TILT["starting"], OF_HEADING["starting"], NO_ERRORS})
 
 
@@ -51,7 +51,8 @@ def _reason(
 
 
 def sentences(withheld: Mapping[str, str | None]) -> list[str]:
-    """What needs somebody, as sentences: what will pass by itself does not."""
+    """Problems for the user to solve, as sentences: not those that pass without
+    action."""
     found: dict[str, list[str]] = {}
     for name in ("tilt", "heading"):
         reason = withheld.get(name)
@@ -76,4 +77,4 @@ class WithheldWatch:
         if self._lasted < LASTING_S or now == self._told:
             return []
         self._told = now
-        return now or ["its errors are known again"]
+        return now or ["its errors are available again"]

@@ -44,7 +44,7 @@ class Link:
 
 @dataclass
 class Heard:
-    """What came of one pose."""
+    """The timing of one pose."""
 
     true_ns: int
     host_ns: int

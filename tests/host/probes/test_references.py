@@ -79,7 +79,7 @@ class Told:
     def swing(
         self, seconds: float, degrees: float, hz: float = 0.5, axis: int = 2
     ) -> Any:
-        """About the vertical or another axis of the world, to and fro."""
+        """About the vertical or another axis of the world, back and forth."""
         found = None
         for number in range(round(seconds * 1e6 / self.period_us)):
             at_s = number * self.period_us * 1e-6

@@ -172,7 +172,7 @@ def test_the_origin_is_the_attitude_that_it_was_set_at() -> None:
 
 
 def test_a_pause_may_hide_turns_in_either_direction() -> None:
-    """What was not heard adds to the net turn, too."""
+    """Missing poses also add to the net turn."""
     turning = Turned()
     turning.add(about((0, 0, 1), 0.0), about((0, 0, 1), 10.0), 1_000_000)
     assert turning.net_up == pytest.approx(10.0)
@@ -206,7 +206,7 @@ def test_a_pause_may_hide_turns_in_either_direction() -> None:
 
 @pytest.mark.parametrize("restarts", [False, True])
 def test_the_least_sigma_so_far_is_the_best_that_was_known(*, restarts: bool) -> None:
-    """A filter that begins anew knows nothing of it."""
+    """A restarted filter has forgotten it."""
     references = References()
     references.quality = QUALITY
 

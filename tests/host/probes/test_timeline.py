@@ -220,7 +220,7 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
         return time.monotonic_ns() // 1000 & 0xFFFFFFFF
 
     def speak(count: int) -> list[dict[str, Any]]:
-        """So many poses, one in 5 ms, with answers in between; what came of them."""
+        """`count` poses, one in 5 ms, with answers in between; their records."""
         for _ in range(count):
             before_ns = time.time_ns()
             probe.time_us = device_us()
@@ -263,8 +263,8 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
     port.vanish()
     assert on["step_ns"] == pytest.approx(HOUR, abs=100 * MS)
     assert back["step_ns"] == pytest.approx(-SECOND, abs=100 * MS)
-    assert "time stamps follow slowly" in lines[1]
-    assert "time stamps follow slowly" not in lines[0]
+    assert "time stamps follow gradually" in lines[1]
+    assert "time stamps follow gradually" not in lines[0]
     assert_honest(before + after + late, sampled)
     assert after[-1]["t_ns"] - sampled[after[-1]["seq"]][0] > HOUR - SECOND
     # Of the second, a tenth of the time since is made up.

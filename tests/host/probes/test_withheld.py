@@ -74,7 +74,7 @@ def test_a_reason_is_told_once_it_lasts_and_once_it_is_over():
     assert told(watch, magnet, LASTING_S) == []
     (line,) = told(watch, magnet, 60)
     assert line.startswith("no heading: the magnetic field can't be the Earth's")
-    assert told(watch, KNOWN, 60) == ["its errors are known again"]
+    assert told(watch, KNOWN, 60) == ["its errors are available again"]
 
 
 def test_a_flag_that_flickers_is_not_told():
