@@ -22,7 +22,7 @@ from imud.net.network import Credentials
 PROBE = "00112233445566aa"
 # Longer than anything allowed was seen to take on a busy machine.
 WHILE_S = 1.0
-DENIED = r"warning: network: \S+ asked for what its role does not allow"
+DENIED = r"warning: network: \S+ requested something that its role does not allow"
 
 
 def tls_endpoint() -> str:
@@ -98,7 +98,7 @@ class Guarded:
 def received_on(
     session: zenoh.Session, *keys: str, wanted: Collection[str] = ()
 ) -> Counter[str]:
-    """What comes on these keys in a while, and until there is all that is wanted."""
+    """Messages on these keys for some time, and until all wanted ones have arrived."""
     count: Counter[str] = Counter()
 
     def on_sample(sample: zenoh.Sample) -> None:

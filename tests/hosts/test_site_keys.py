@@ -40,12 +40,12 @@ def test_a_certificate_that_expired_is_renewed_without_new_files_for_users(
         past.setattr(keys, "AFTER", -DAY / 2)
         assert keys.renew(own) < datetime.datetime.now(datetime.UTC)
     with serving(tmp_path, own, endpoint) as daemon:
-        with pytest.raises(DaemonNotFound, match="does not let viewer in"):
+        with pytest.raises(DaemonNotFound, match="does not admit viewer"):
             Client(keys=mine)
         daemon.stop()
     assert keys.renew(own) > datetime.datetime.now(datetime.UTC) + 1000 * DAY
     with serving(tmp_path, own, endpoint) as daemon:
-        with pytest.raises(DaemonNotFound, match="does not let viewer in"):
+        with pytest.raises(DaemonNotFound, match="does not admit viewer"):
             Client(keys=theirs)
         with Client(keys=mine) as client:
             assert client.is_connected

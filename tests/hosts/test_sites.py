@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Two sites with a router each: whatever breaks between them, everybody knows by number
-what it missed, and all goes on by itself.
+"""Two sites with a router each: whatever breaks between them, every receiver knows its
+sequence gaps, and everything recovers automatically.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class Sites:
             assert of["missed"]["network"] == gaps[name] == lost
 
     def assert_a_probe_can_move(self, leaver: Desk, taker: Desk) -> None:
-        """Its subscribers hear it go on, on the same key, and know of the move."""
+        """Its subscribers hear it continue, on the same key, and know of the move."""
         before = leaver.stream.sent
         self._move(leaver, taker)
         self.wait_until_heard(leaver)
@@ -138,7 +138,7 @@ class Sites:
             assert before - of["first"] + 1 + sent == of["got"] + of["missed"]
 
     def _move(self, leaver: Desk, taker: Desk) -> None:
-        """Unplugs a probe, and plugs it in at another host, where it goes on."""
+        """Unplugs a probe, and plugs it in at another host, where it continues."""
         leaver.stream.stop()
         leaver.port.vanish()
         leaver.port = Port(taker.spare)

@@ -28,7 +28,7 @@ KNOWN_MAX = 4096
 
 _LOCAL = re.compile(r"127\.0\.0\.1:\d+")
 
-# What has to be told of an address that was refused: its address, and why.
+# Called with a refused address, and the reason.
 OnRefused = Callable[[str, str], None]
 
 
@@ -41,8 +41,8 @@ class Doorman:
     def __init__(self, endpoints: Sequence[str], on_refused: OnRefused) -> None:
         if not system.HANDS_ON_SOCKETS:
             raise ListenFailed(
-                "TLS ports have a guard, which this system can't hand sockets to: run "
-                "imud without keys, or on Linux"
+                "TLS ports need a guard process, which this system does not support: "
+                "run imud without keys, or on Linux"
             )
         self._on_refused = on_refused
         self._names: OrderedDict[str, str] = OrderedDict()
@@ -75,7 +75,7 @@ class Doorman:
     def wait_ready(self) -> None:
         """Until who connects is let in."""
         if not self._ready.wait(START_S):
-            raise ListenFailed("the guard of the TLS port does not start")
+            raise ListenFailed("the guard process of the TLS port does not start")
 
     def close(self) -> None:
         self._is_over.set()
@@ -129,14 +129,14 @@ class Doorman:
 
 
 def guarded(endpoints: Sequence[str]) -> list[str]:
-    """Those that need a guard."""
+    """The endpoints that need a guard."""
     return [each for each in endpoints if link_of(each) == TLS]
 
 
 def _listening(endpoint: str) -> list[socket.socket]:
     address = host_and_port(endpoint.partition("/")[2].partition("#")[0])
     if address is None:
-        raise ConfigError(f"zenoh.listen: {endpoint} is no {TLS}/HOST:PORT")
+        raise ConfigError(f"zenoh.listen: {endpoint} is not {TLS}/HOST:PORT")
     host, port = address
     made: list[socket.socket] = []
     try:
@@ -155,7 +155,7 @@ def _listening(endpoint: str) -> list[socket.socket]:
             each.close()
         raise ListenFailed(
             f"can't listen on {endpoint}: it is taken or not an address of this "
-            "machine; stop the other imud run or name another with --listen"
+            "machine; stop the other imud run, or choose another with --listen"
         ) from error
     return made
 

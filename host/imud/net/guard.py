@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A guard in front of Zenoh's TLS port: who does not speak TLS, or does not go on,
+"""A guard in front of Zenoh's TLS port: who does not speak TLS, or does not continue,
 never reaches it. Runs as a process of its own, which doorman.py starts.
 
 Zenoh waits 10 s for a handshake and pauses 100 ms after each that failed, so that 1,600
@@ -44,8 +44,8 @@ ALERT_MAX = 64
 # Lines a second about refusals; the next one tells how many were left out.
 LINES_MAX = 20
 
-# Whoever connects more often is refused before anything is kept of it: poses go through
-# this process, too.
+# A client that connects more often is refused before any state is kept for it: poses go
+# through this process, too.
 RATE = Rate(at_once=128, a_second=20.0)
 
 # Lines to the parent: what, and whom it is about.
@@ -70,7 +70,7 @@ class Guard:
         if address.unfinished >= UNFINISHED_OF_ONE:
             return "too many at once"
         if self.unfinished >= UNFINISHED_MAX or len(self.links) >= LINKS_MAX:
-            return "the daemon is full"
+            return "the daemon has too many connections"
         return ""
 
     def refuse(self, now_s: float, peer: str, why: str) -> None:
@@ -123,14 +123,14 @@ class Outer(asyncio.Protocol):
         self._guard.links.add(self)
         self._guard.unfinished += 1
         self._address.unfinished += 1
-        self._arm(HELLO_S, partial(self._fail, "no hello of TLS in time"))
+        self._arm(HELLO_S, partial(self._fail, "no TLS hello in time"))
 
     def data_received(self, data: bytes) -> None:
         if self.is_over:
             return
         if not self._is_finished:
             if not self._records.feed(data):
-                self._fail("it does not speak TLS")
+                self._fail("it does not use TLS")
                 return
             self._is_asking = DATA in self._records.seen
             if self._is_asking and not self._has_data:
@@ -162,7 +162,7 @@ class Outer(asyncio.Protocol):
             )
         except OSError as error:
             inner.close()
-            self._fail(error.strerror or "the daemon does not listen")
+            self._fail(error.strerror or "the daemon does not accept connections")
             return
         if self.is_over:
             self._inner.transport.abort()
@@ -205,7 +205,7 @@ class Outer(asyncio.Protocol):
             self._finish()
 
     def end(self) -> None:
-        """Zenoh has closed it, and tells by itself if it did not like a password."""
+        """Zenoh has closed it, and reports a wrong password itself."""
         if not (self.is_over or self._is_finished or self._answered > ALERT_MAX):
             self._address.fail(self._loop.time())
             self._guard.refuse(self._loop.time(), self.peer, "its handshake failed")
@@ -232,7 +232,7 @@ class Outer(asyncio.Protocol):
             if not self._is_finished:
                 self._leave_unfinished()
                 if not (self.is_over or self._has_data):
-                    self._fail("it left in the handshake")
+                    self._fail("it disconnected during the handshake")
         self.is_over = True
         if self._inner is not None:
             self._inner.transport.close()

@@ -62,7 +62,7 @@ def initialise(folder: Path, names: Sequence[str], port: int) -> list[str]:
     """
     if folder.is_dir() and any(folder.iterdir()):
         raise FileError(
-            f"{folder} is not empty; name another folder, or add users to it: "
+            f"{folder} is not empty; choose another folder, or add users to this one: "
             f"imud keys add {folder} viewer NAME"
         )
     hosts = [*dict.fromkeys([*names, socket.gethostname(), "localhost", "127.0.0.1"])]
@@ -99,7 +99,7 @@ def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Pat
     roles = read_roles(folder)
     if not _USER.fullmatch(user):
         raise ConfigError(
-            f"{user!r} can't be a user: letters, digits, . _ and -, at most 64"
+            f"{user!r} is not a valid user name: letters, digits, . _ and -, at most 64"
         )
     if user in roles:
         raise ConfigError(
@@ -113,7 +113,7 @@ def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Pat
             (folder / CA_KEY).read_bytes(), password=None
         )
         if not isinstance(ca_key, ec.EllipticCurvePrivateKey):
-            raise FileError(f"{folder / CA_KEY} is not what imud keys init made")
+            raise FileError(f"{folder / CA_KEY} was not created by imud keys init")
         if endpoint is None:
             endpoint = _endpoint_of(folder)
         key = _new_key()
@@ -136,12 +136,14 @@ def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Pat
     except OSError as error:
         raise _failed(folder, error) from error
     except ValueError as error:
-        raise FileError(f"{folder} is not what imud keys init made: {error}") from error
+        raise FileError(
+            f"{folder} was not created by imud keys init: {error}"
+        ) from error
     return path
 
 
 def renew(folder: Path) -> datetime:
-    """Signs the daemon's certificate anew, with the same key and names; returns when it
+    """Renews the daemon's certificate, with the same key and names; returns when it
     expires. Its users need nothing new: they know the authority.
     """
     try:
@@ -152,7 +154,7 @@ def renew(folder: Path) -> datetime:
             for path in (folder / CA_KEY, folder / SERVER_KEY)
         )
         if not isinstance(ca_key, Key) or not isinstance(own, Key):
-            raise FileError(f"{folder} is not what imud keys init made")
+            raise FileError(f"{folder} was not created by imud keys init")
         names = old.extensions.get_extension_for_class(x509.SubjectAlternativeName)
         hosts = [str(name.value) for name in names.value]
         fresh = _sign(hosts[0], own, ca, ca_key, hosts)
@@ -160,7 +162,9 @@ def renew(folder: Path) -> datetime:
     except OSError as error:
         raise _failed(folder, error) from error
     except (ValueError, x509.ExtensionNotFound) as error:
-        raise FileError(f"{folder} is not what imud keys init made: {error}") from error
+        raise FileError(
+            f"{folder} was not created by imud keys init: {error}"
+        ) from error
     return fresh.not_valid_after_utc
 
 
@@ -168,7 +172,7 @@ def remove(folder: Path, user: str) -> None:
     """Removes a user, who is refused from the daemon's next start on."""
     roles = read_roles(folder)
     if user not in roles:
-        raise ConfigError(f"there is no {user}, only {', '.join(sorted(roles))}")
+        raise ConfigError(f"there is no user {user}, only {', '.join(sorted(roles))}")
     try:
         lines = (folder / USERS).read_text("utf-8").splitlines(keepends=True)
         kept = [line for line in lines if line.partition(":")[0] != user]
@@ -184,18 +188,18 @@ def run_init(folder: Path, names: Sequence[str], port: int) -> int:
     hosts = initialise(folder, names, port)
     where = f"tls/0.0.0.0:{port}"
     sys.stdout.write(
-        f"{folder}: keys of a daemon at {', '.join(hosts)}\n"
-        f"serve:  imud run --listen {where} --keys {folder}\n"
-        f"users:  {', '.join(FIRST)}; more by imud keys add {folder} ROLE NAME\n"
-        f"listen: imud listen --keys {folder / CLIENTS / 'viewer.toml'}, which is all "
-        "that another machine needs of this folder; copy it as a secret\n"
+        f"{folder}: keys of a daemon at {', '.join(hosts)}\nserve:  imud run --listen "
+        f"{where} --keys {folder}\nusers:  {', '.join(FIRST)}; more by imud keys add "
+        f"{folder} ROLE NAME\nlisten: imud listen --keys "
+        f"{folder / CLIENTS / 'viewer.toml'}, the only file that another machine "
+        "needs; keep it secret\n"
     )
     return 0
 
 
 def run_add(folder: Path, role: Role, user: str) -> int:
     path = add(folder, role, user)
-    sys.stdout.write(f"{path}: {user} may have {ABOUT[role]}; restart imud run\n")
+    sys.stdout.write(f"{path}: {user} may use {ABOUT[role]}; restart imud run\n")
     return 0
 
 

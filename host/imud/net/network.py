@@ -75,7 +75,8 @@ def read_credentials(path: Path) -> Credentials:
         return msgspec.toml.decode(read_text(path, ConfigError), type=Credentials)
     except (msgspec.DecodeError, RecursionError) as error:
         raise ConfigError(
-            f"{path} is not a file of `imud keys`: clients/NAME.toml in its folder"
+            f"{path} is not a key file of a user, such as clients/NAME.toml from "
+            "`imud keys`"
         ) from error
 
 
@@ -86,11 +87,13 @@ def read_roles(folder: Path) -> dict[str, Role]:
         return msgspec.toml.decode(path.read_bytes(), type=dict[str, Role])
     except OSError as error:
         raise ConfigError(
-            f"can't read {path}: {error.strerror}; imud keys init {folder} makes it"
+            f"can't read {path}: {error.strerror}; create it with imud keys init "
+            f"{folder}"
         ) from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
-            f"{path}: a line is NAME = ROLE, one of {', '.join(get_args(Role))}"
+            f"{path}: each line must be NAME = ROLE, with a role of "
+            f"{', '.join(get_args(Role))}"
         ) from error
 
 
@@ -100,7 +103,7 @@ def is_guest(settings: ZenohSettings) -> bool:
 
 
 def is_connected(session: zenoh.Session) -> bool:
-    """Whether a router or peer is there. Zenoh reconnects by itself."""
+    """Whether a router or peer is connected. Zenoh reconnects automatically."""
     info = session.info
     return bool(info.routers_zid()) or bool(info.peers_zid())
 
@@ -133,7 +136,7 @@ def open_guarded(
 
 def open_daemon(settings: ZenohSettings, own_id: str) -> zenoh.Session:
     """Opens the session of `imud run`. `own_id` is the source in its time stamps: with
-    the same one after an outage, subscribers know that its numbers go on.
+    the same one after an outage, subscribers know that its numbers continue.
 
     Raises ListenFailed where an address is taken, DaemonNotFound where a guest finds
     no network, ConfigError for an endpoint or keys that Zenoh can't use.
@@ -170,7 +173,7 @@ def open_node(connect: Sequence[str], mine: Credentials | None) -> zenoh.Session
 
 
 def own_credentials(settings: ZenohSettings, *, is_abroad: bool) -> Credentials | None:
-    """What a second session of the daemon connects with, None: nothing.
+    """The credentials of a second session of the daemon; None: none.
 
     `is_abroad`: to a router of another network, which never gets the keys to our own.
     """
@@ -181,7 +184,8 @@ def own_credentials(settings: ZenohSettings, *, is_abroad: bool) -> Credentials 
         path = folder / CLIENTS / f"{OWN}.toml"
         if not path.exists():
             raise ConfigError(
-                f"{path} is not there: imud keys add {folder} daemon {OWN}"
+                f"{path} does not exist; create it with imud keys add {folder} daemon "
+                f"{OWN}"
             )
         return read_credentials(path)
     return None
@@ -228,9 +232,8 @@ def _open_daemon(settings: ZenohSettings, own_id: str) -> zenoh.Session:
         if settings.mode == "client":
             raise _nobody_at(settings.connect) from error
         raise ListenFailed(
-            f"can't listen on {', '.join(listen)}: it is taken or not an "
-            "address of this machine; stop the other imud run or name another "
-            "with --listen"
+            f"can't listen on {', '.join(listen)}: it is taken or not an address of "
+            "this machine; stop the other imud run, or choose another with --listen"
         ) from error
 
 
@@ -248,14 +251,15 @@ def open_client(where: str, mine: Credentials | None = None) -> zenoh.Session:
     try:
         config = _config(wanted)
     except ConfigError as error:
-        raise DaemonNotFound(f"{where} is no endpoint; try {ENDPOINT}") from error
+        raise DaemonNotFound(f"{where} is not an endpoint; try {ENDPOINT}") from error
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         advice = (
-            f"or it does not let {mine.user} in: see what it writes"
+            f"or it does not admit {mine.user}: see its output"
             if mine is not None
-            else "or say where it is with --connect, and who you are with --keys FILE"
+            else "or give its address with --connect, and your credentials with --keys "
+            "FILE"
         )
         raise DaemonNotFound(
             f"no imud at {where}; start one with imud run, {advice}"
@@ -283,8 +287,8 @@ def _guard(folder: Path, settings: ZenohSettings) -> dict[str, Any]:
     for name in (CA, SERVER, SERVER_KEY, USERS):
         if not os.access(folder / name, os.R_OK):
             raise ConfigError(
-                f"can't read {folder / name}; imud keys init {folder} makes it, and "
-                "imud runs as its owner"
+                f"can't read {folder / name}; create it with imud keys init {folder}, "
+                "and run imud as its owner"
             )
     return {
         _TLS + "root_ca_certificate": str(folder / CA),

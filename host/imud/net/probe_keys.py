@@ -25,7 +25,8 @@ def make(folder: Path, probe_id: str) -> Path:
     """
     if not _ID.fullmatch(probe_id):
         raise ConfigError(
-            f"{probe_id!r} is no probe's id: 16 hexadecimal digits; imud list shows it"
+            f"{probe_id!r} is not a probe id, which has 16 hexadecimal digits; imud "
+            "list shows it"
         )
     path = folder / PROBES / f"{probe_id}.key"
     try:
@@ -33,7 +34,7 @@ def make(folder: Path, probe_id: str) -> Path:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
         raise ConfigError(
-            f"{path} is there already; delete it to make another"
+            f"{path} already exists; delete it to create another"
         ) from None
     except OSError as error:
         raise FileError(f"can't write {path}: {error.strerror}") from error
@@ -53,22 +54,22 @@ def read(folder: Path) -> dict[bytes, bytes]:
                 continue
             text = path.read_text("ascii").strip()
             if not _KEY.fullmatch(text):
-                raise ConfigError(f"{path} is not what imud keys probe made")
+                raise ConfigError(f"{path} was not created by imud keys probe")
             found[bytes.fromhex(name[1])] = bytes.fromhex(text)
     except OSError as error:
         raise ConfigError(
-            f"can't read {error.filename}: {error.strerror}; "
-            f"imud keys probe {folder} ID makes it"
+            f"can't read {error.filename}: {error.strerror}; create it with imud keys "
+            f"probe {folder} ID"
         ) from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is not what imud keys probe made") from error
+        raise ConfigError(f"{path} was not created by imud keys probe") from error
     return found
 
 
 def run_make(folder: Path, probe_id: str) -> int:
     path = make(folder, probe_id)
     sys.stdout.write(
-        f"{path}: a secret that only the probe and the daemon may know\n"
+        f"{path}: a secret of the probe and the daemon\n"
         f"probe:  mpremote cp {path} :probe.key\n"
         f'daemon: [ports] udp = "0.0.0.0:8736", udp_keys = "{folder}"\n'
     )

@@ -14,6 +14,7 @@ from collections.abc import Callable
 import zenoh
 
 KNOWN_MAX = 256  # sessions whose name is remembered
+UNKNOWN = "an unknown client"  # a session without a name
 
 # Zenoh tells who connected in a thread of its own, maybe after it has denied the first
 # message of that session. So long a line waits for its session's name.
@@ -55,11 +56,11 @@ def know(session_id: str, who: str) -> None:
 
 
 def _name_of(session_id: str) -> str:
-    """Waits for the name, but only once: later messages find "somebody"."""
+    """Waits for the name, but only once: later messages find UNKNOWN."""
     digits = session_id.lstrip("0")[:_SESSION_DIGITS]
     with _has_more:
         if not _has_more.wait_for(lambda: digits in _known, NAMED_S):
-            know(digits, "somebody")
+            know(digits, UNKNOWN)
         return _known[digits]
 
 
@@ -84,19 +85,22 @@ def tell_refusals(tell: Callable[[str, str], None]) -> None:
 
 
 def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
-    who = "somebody"
+    who = UNKNOWN
     with os.fdopen(source, encoding="utf-8", errors="replace") as lines:
         for coloured in lines:
             line = _COLOUR.sub("", coloured).rstrip()
             if link := _LINK.search(line):
                 who = link["who"]
             elif failed := _NO_TLS.search(line):
-                tell("refused", f"network: somebody was refused: TLS: {failed['why']}")
+                tell("refused", f"network: refused {UNKNOWN}: TLS: {failed['why']}")
             elif refused := _REFUSED.search(line):
                 if not refused["why"].startswith("New transport"):
-                    tell("refused", f"network: {who} was refused: {refused['why']}")
+                    tell("refused", f"network: refused {who}: {refused['why']}")
             elif denied := _DENIED.search(line):
                 by = _name_of(denied["session"])
-                tell("denied", f"network: {by} asked for what its role does not allow")
+                tell(
+                    "denied",
+                    f"network: {by} requested something that its role does not allow",
+                )
             elif "zenoh" not in line:  # printed by another library
                 sys.stderr.write(f"{line}\n")

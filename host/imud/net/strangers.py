@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""What the guard knows of who connects: the address, and which TLS records it sends."""
+"""The guard's knowledge of a client: its address, and the TLS records that it sends."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-# After so many failures in a row an address waits, each time twice as long; less, if
-# somebody there once ended a handshake.
+# After this many consecutive failures an address waits, each time twice as long; less,
+# if a client there once completed a handshake.
 FAILURES = 5
 WAIT_S, WAIT_MAX_S, WAIT_KNOWN_S = 0.5, 30.0, 1.0
 # Records of TLS (RFC 8446, 5.1): a handshake, and what is sent after its end.
@@ -17,12 +17,12 @@ RECORD_MAX = 16384
 
 @dataclass(slots=True)
 class Address:
-    """What is known of who comes from an address, or from a /64 of IPv6."""
+    """The state of clients from an address, or from a /64 of IPv6."""
 
     unfinished: int = 0
     failures: int = 0  # in a row
     until_s: float = 0.0  # refused until then
-    is_known: bool = False  # somebody there has ended a handshake
+    is_known: bool = False  # a client there has completed a handshake
 
     def fail(self, now_s: float) -> None:
         self.failures += 1

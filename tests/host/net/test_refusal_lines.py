@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is made of the lines of Zenoh's log: who was refused, and why."""
+"""The journal lines made from Zenoh's log: refused clients, and reasons."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def told(*lines: str) -> list[tuple[str, str]]:
 def test_who_is_refused_is_named_with_the_reason() -> None:
     refused = f"{STAMP}DEBUG {ACCEPT}Invalid password. at /build/accept.rs:10"
     assert told(CAME, refused) == [
-        ("refused", "network: 192.0.2.7:50122 was refused: Invalid password")
+        ("refused", "network: refused 192.0.2.7:50122: Invalid password")
     ]
 
 
@@ -39,7 +39,9 @@ def test_who_is_let_in_is_not_told_as_refused() -> None:
 
 def test_colours_and_unknown_addresses_are_no_hindrance() -> None:
     line = f"\x1b[2m{STAMP}\x1b[0mDEBUG {ACCEPT}Invalid user"
-    assert told(line) == [("refused", "network: somebody was refused: Invalid user")]
+    assert told(line) == [
+        ("refused", "network: refused an unknown client: Invalid user")
+    ]
 
 
 def test_a_link_without_tls_has_the_cause_and_no_hint() -> None:
@@ -47,7 +49,7 @@ def test_a_link_without_tls_has_the_cause_and_no_hint() -> None:
         f"{STAMP} WARN ThreadId(07) zenoh_link_tls::unicast: received corrupt message"
     )
     assert told(f"{line}. Hint: increase the system open file limit") == [
-        ("refused", "network: somebody was refused: TLS: received corrupt message")
+        ("refused", "network: refused an unknown client: TLS: received corrupt message")
     ]
 
 
@@ -56,11 +58,11 @@ def test_a_denied_message_has_the_name_of_its_session(
 ) -> None:
     monkeypatch.setattr(refusals, "NAMED_S", 0.01)
     refusals.know("a1b2c3d4e5f6", "192.0.2.7:50122 (anna)")
-    words = "asked for what its role does not allow"
+    words = "requested something that its role does not allow"
     assert told(DENIED) == [("denied", f"network: 192.0.2.7:50122 (anna) {words}")]
     other = DENIED.replace("0a1b2c3d", "ffffffff")
     # Only the first line waits for the name.
-    assert told(other, other) == [("denied", f"network: somebody {words}")] * 2
+    assert told(other, other) == [("denied", f"network: an unknown client {words}")] * 2
 
 
 def test_only_so_many_sessions_are_remembered() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Who is refused, and what the daemon writes about it: real sessions with a daemon that
+"""Refused clients, and the daemon's lines about them: real sessions with a daemon that
 has keys.
 """
 
@@ -59,9 +59,9 @@ def test_who_does_not_know_the_password_is_refused_and_on_record(
     guarded: Guarded, change: Callable[[Credentials], Credentials], why: str
 ) -> None:
     mine = change(guarded.credentials("viewer"))
-    with pytest.raises(DaemonNotFound, match=f"does not let {mine.user} in"):
+    with pytest.raises(DaemonNotFound, match=f"does not admit {mine.user}"):
         network.open_client(guarded.endpoint, mine)
-    guarded.daemon.expect(rf"warning: network: 127\.0\.0\.1:\d+ was refused: .*{why}")
+    guarded.daemon.expect(rf"warning: network: refused 127\.0\.0\.1:\d+: .*{why}")
 
 
 def test_who_shows_no_password_at_all_is_refused_and_on_record(
@@ -80,26 +80,26 @@ def test_who_shows_no_password_at_all_is_refused_and_on_record(
         config.insert_json5(key, json.dumps(value))
     with pytest.raises(zenoh.ZError):
         zenoh.open(config)
-    guarded.daemon.expect("warning: network: .* was refused: .*Expected extension")
+    guarded.daemon.expect("warning: network: refused .*: .*Expected extension")
 
 
 def test_who_speaks_no_tls_is_refused_and_on_record(guarded: Guarded) -> None:
     plain = guarded.endpoint.replace("tls/", "tcp/")
-    with pytest.raises(DaemonNotFound, match="who you are with --keys FILE"):
+    with pytest.raises(DaemonNotFound, match="your credentials with --keys FILE"):
         Client(plain)
-    guarded.daemon.expect(r"127\.0\.0\.1:\d+ was refused: TLS: it does not speak TLS")
+    guarded.daemon.expect(r"refused 127\.0\.0\.1:\d+: TLS: it does not use TLS")
 
 
 def test_a_daemon_of_another_authority_is_not_trusted(
     guarded: Guarded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Who took the daemon's place does not get to see a password."""
+    """A program in the daemon's place does not get a password."""
     keys.initialise(tmp_path / "keys", ["localhost"], 1)
     path = tmp_path / "keys/clients/viewer.toml"
     where = ["--connect", guarded.endpoint, "--keys", str(path)]
     assert cli.main(["list", *where]) == 1
     assert capsys.readouterr().err.count("\n") == 1
-    guarded.daemon.expect("network: somebody was refused: TLS: .*alert")
+    guarded.daemon.expect("network: refused an unknown client: TLS: .*alert")
 
 
 def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
@@ -129,8 +129,10 @@ def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
             assert not received_on(session, "imud/*/pose", "imud/*/status")
             replies = session.get(f"imud/{PROBE}/cmd/tare", timeout=WHILE_S)
             assert not [reply for reply in replies if reply.ok]
-            line = mutual.daemon.expect("asked for what its role does not allow")
-            assert "(viewer) asked" in line
+            line = mutual.daemon.expect(
+                "requested something that its role does not allow"
+            )
+            assert "(viewer) requested" in line
         finally:
             session.close()
 
@@ -155,14 +157,14 @@ def test_a_denied_message_waits_for_the_name_of_who_sent_it(
         with pytest.raises(queue.Empty):
             told.get(timeout=0.1)
         refusals.know("abcdef0123456789", "the viewer")
-        assert "the viewer asked" in told.get(timeout=PATIENCE_S)
+        assert "the viewer requested" in told.get(timeout=PATIENCE_S)
         # It waits once for a session that nobody names.
         monkeypatch.setattr(refusals, "NAMED_S", 0.0)
         os.write(end, denied("12345678"))
-        assert "somebody asked" in told.get(timeout=PATIENCE_S)
+        assert "an unknown client requested" in told.get(timeout=PATIENCE_S)
         monkeypatch.setattr(refusals, "NAMED_S", 10 * PATIENCE_S)
         os.write(end, denied("12345678"))
-        assert "somebody asked" in told.get(timeout=PATIENCE_S)
+        assert "an unknown client requested" in told.get(timeout=PATIENCE_S)
     finally:
         os.close(end)
         reader.join()
@@ -180,7 +182,7 @@ def test_with_mutual_tls_an_unknown_certificate_or_none_is_refused(
     )
     with pytest.raises(DaemonNotFound):
         network.open_client(mutual.endpoint, mixed)
-    mutual.daemon.expect("network: somebody was refused: TLS: ")
+    mutual.daemon.expect("network: refused an unknown client: TLS: ")
     bare = network._known_as(mutual.credentials("viewer"), {})
     config = network._config(
         {
@@ -195,7 +197,7 @@ def test_with_mutual_tls_an_unknown_certificate_or_none_is_refused(
     )
     with pytest.raises(zenoh.ZError):
         zenoh.open(config)
-    mutual.daemon.expect("network: somebody was refused: TLS: ")
+    mutual.daemon.expect("network: refused an unknown client: TLS: ")
 
 
 def test_who_is_removed_is_let_in_no_longer(tmp_path: Path) -> None:
