@@ -24,7 +24,7 @@ BEGIN_NS = 1_795_000_000_000_000_000
 def records(
     count: int, probe: FakeProbe | None = None, name: str = "left"
 ) -> list[Record]:
-    """What the daemon makes of a hello, poses, raw samples and an event."""
+    """The daemon's records of a hello, poses, raw samples and an event."""
     probe = probe or FakeProbe()
     hello_content = probe.content("hello")
     hello = decode(hello_content)
@@ -64,5 +64,5 @@ def read_log(path: Path) -> Iterator[LogHead | Logged]:
     """All messages of a log that has to be whole."""
     for item in salvage(path):
         if isinstance(item, Damage):
-            raise FileError(f"{path} ends without an end, or is damaged at {item.at}")
+            raise FileError(f"{path} is truncated, or is damaged at {item.at}")
         yield item

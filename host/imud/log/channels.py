@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What other tools get of a record as JSON, from a log and live: on which topics, and
-what each says. `schemas.py` has the schema of each topic.
+"""The JSON of a record for other tools, from a log and live: its topics, and the object
+of each. `schemas.py` has the schema of each topic.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def topics_of(record: Record, *, has_foxglove: bool = True) -> tuple[str, ...]:
 
 
 def payload_on(record: Record, topic: str) -> bytes:
-    """What a record says on one of its topics, as JSON."""
+    """The object of a record on one of its topics, as JSON."""
     return _pose_in_frame(record) if topic == POSE_IN_FRAME else record.payload
 
 

@@ -19,7 +19,7 @@ from mcap.records import Channel, Chunk, Message, Schema
 # Content of a chunk. Ours hold some 100 kB; other tools write 1 to 4 MB.
 CONTENT_MAX = 16 << 20
 
-# Of the name of a channel: prefix, probe and topic.
+# Length of the name of a channel: prefix, probe and topic.
 NAME_MAX = 400
 
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
@@ -81,7 +81,7 @@ def _record(kind: int, body: bytes) -> ChunkRecord:
 
 
 def _content(chunk: Chunk) -> bytes:
-    """What it holds, of the size and the CRC that it says."""
+    """Its contents, with the stated size and CRC."""
     size = chunk.uncompressed_size
     if size > CONTENT_MAX:
         raise ValueError(size)

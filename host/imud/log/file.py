@@ -30,11 +30,11 @@ FRAME = "frame"  # the topic of messages as received
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a log holds and when the next file begins."""
+    """The contents of a log, and when the next file begins."""
 
     prefix: str = PREFIX
-    rotate_bytes: int = 1 << 30  # a new file after so many
-    rotate_s: float = 3600.0  # and after so many seconds
+    rotate_bytes: int = 1 << 30  # start a new file after this many bytes
+    rotate_s: float = 3600.0  # and after this many seconds
     floor_bytes: int = 0  # logging pauses while the disk has less free
     retention: Retention = KEEP_ALL  # which old files are removed
     unlogged: frozenset[str] = frozenset()  # names of probes not to log
@@ -68,7 +68,7 @@ class LogFile:
         hello = self._hellos.get(record.probe, b"")
         if record.hello and record.hello is not hello:
             self._hellos[record.probe] = record.hello
-            # A probe says who it is each second: only what changes is news.
+            # A probe sends its hello each second: only changes are written.
             if record.hello[messages.FIELDS_OF] != hello[messages.FIELDS_OF]:
                 self._add_metadata("hello", _identity(record.probe, record.hello))
         if record.params and self._params.get(record.probe) != record.params:

@@ -34,7 +34,7 @@ _READ_MAX = {int(Opcode.CHUNK): CONTENT_MAX + 1000, int(Opcode.METADATA): 1 << 2
 # A longer summary is left unread: those of whole logs are some 100 kB.
 _SUMMARY_MAX = 4 << 20
 
-# What the mcap library raises for a file that is cut off or changed.
+# Exceptions of the mcap library for a file that is truncated or changed.
 DAMAGE = (
     McapError,
     EOFError,
@@ -200,7 +200,7 @@ def channels_of(path: Path) -> list[Schema | Channel]:
 
 
 def _summary_size(file: BinaryIO) -> int:
-    """Of the summary, its index and the footer; as the footer says."""
+    """Bytes of the summary, its index and the footer, as the footer states."""
     size = file.seek(0, io.SEEK_END)
     footer = _RECORD.size + _FOOTER.size
     file.seek(max(0, size - footer - len(MAGIC)))

@@ -109,7 +109,7 @@ class Reader:
 
 
 def _parsed(record: Metadata) -> LogHead | Logged | None:
-    """What our metadata say; None for metadata of others or of another version."""
+    """The values of our metadata; None for other metadata, or another version."""
     values = record.metadata
     try:
         if record.name == "imud":
@@ -148,7 +148,9 @@ def opened(path: Path) -> BinaryIO:
         with contextlib.ExitStack() as undone:
             undone.push(file)
             if file.read(len(MAGIC)) != MAGIC:
-                raise FileError(f"{path} is no log of imud run: those are MCAP files")
+                raise FileError(
+                    f"{path} is not a log of imud run, which is an MCAP file"
+                )
             undone.pop_all()
         return file
 

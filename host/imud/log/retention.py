@@ -20,7 +20,7 @@ DAY_S = 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class KeptLogs:
-    """What a sweep has left and removed."""
+    """The files that a sweep has kept and removed."""
 
     files: int = 0
     bytes: int = 0
@@ -41,8 +41,8 @@ class Retention:
 
     def sweep(self, folder: Path, now_s: float | None = None) -> KeptLogs:
         """Removes the oldest logs until the rest is within both limits; `now_s` UTC. A
-        log without an end, which is being written or was cut off, is never removed, but
-        its size counts.
+        truncated log, which is still being written or was cut off, is never removed,
+        but its size counts.
         """
         now_s = time.time() if now_s is None else now_s
         found: list[tuple[float, str, int, Path]] = []

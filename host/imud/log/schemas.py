@@ -47,7 +47,7 @@ _TIME = _whole(
 )
 _XYZ = {axis: _NUMBER for axis in "xyz"}
 
-# Of a pose since a moment; `void`: why it is not known any more.
+# Errors of a pose since a moment; `void`: why they are no longer known.
 _SINCE = _whole(
     heading_sigma_deg=_OPTIONAL,
     tilt_sigma_deg=_OPTIONAL,

@@ -39,7 +39,7 @@ class SeekableLog:
             self._size = path.stat().st_size
             for at, kind, body in records_of(file, self._size):
                 if len(self.spans) > SPANS_MAX:
-                    raise FileError(f"{path} has more parts than a log of imud")
+                    raise FileError(f"{path} has more parts than any log of imud")
                 if kind == Opcode.CHUNK:
                     file.seek(body)
                     times = file.read(_TIMES.size)

@@ -73,8 +73,8 @@ def test_below_its_floor_logging_pauses_with_one_line_and_goes_on(
         disk.f_bavail = 551
         assert hand_over(made, put[40:50]) == (10, 0)
     assert [record.getMessage() for record in caplog.records] == [
-        f"log fails and is tried again: {tmp_path} is on a disk with less than 500 MB "
-        "free (log.floor_mb); logging pauses until there is room",
+        f"log failed, retrying: {tmp_path} is on a disk with less than 500 MB "
+        "free (log.floor_mb); logging is paused until space is free",
         "log works again",
     ]
     files = sorted(tmp_path.iterdir())
@@ -88,7 +88,7 @@ def test_a_disk_that_is_full_at_the_start_does_not_keep_imud_from_starting(
 ) -> None:
     sink = LogSink(tmp_path, Settings(floor_bytes=1 << 60))
     sink.open()
-    with pytest.raises(FileError, match="logging pauses until there is room"):
+    with pytest.raises(FileError, match="logging is paused until space is free"):
         sink.write(records(1)[0])
     sink.flush()
     sink.close()
@@ -180,7 +180,7 @@ def test_a_folder_that_is_removed_is_made_again(
         assert hand_over(made, put[20:30]) == (10, 0)
     (path,) = (tmp_path / "logs").iterdir()
     assert frames(path) == [record.content for record in put[20:30]]
-    assert "was removed while it was written" in caplog.text
+    assert "was removed during writing" in caplog.text
 
 
 def test_a_folder_that_becomes_read_only_costs_what_comes_then(

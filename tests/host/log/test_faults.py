@@ -118,7 +118,7 @@ class Scene:
         return notice
 
     def fill(self, size: int = 1 << 30) -> Path:
-        """So many bytes, or until there is no room left."""
+        """`size` bytes, or until the disk is full."""
         ballast = self.logs / "ballast"
         with contextlib.suppress(OSError), ballast.open("wb", buffering=0) as file:
             for _ in range(0, size, 1024):
@@ -190,15 +190,15 @@ def check(made: Scene, client: Client) -> None:
     found = [f for path in sorted(made.files.glob("*.mcap")) for f in frames(path)]
     assert len(found) == len(set(found))
     assert counted <= len(found) < put
-    states = re.findall(r"log (fails|works)", "\n".join(made.daemon.lines))
-    assert states == ["fails", "works"]
+    states = re.findall(r"log (failed|works)", "\n".join(made.daemon.lines))
+    assert states == ["failed", "works"]
 
 
 @needs_mounts
 def test_a_full_disk_costs_what_comes_while_it_is_full(tmp_path: Path) -> None:
     with scene(tmp_path) as made, made.streaming() as client:
         ballast = made.fill()
-        line = made.daemon.expect("log fails and is tried again")
+        line = made.daemon.expect("log failed, retrying")
         assert os.strerror(errno.ENOSPC) in line
         paused = made.notice("paused")
         assert os.strerror(errno.ENOSPC) in paused["reason"]
@@ -223,8 +223,10 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(tmp_path: Path) -> None:
 def test_below_its_floor_the_log_pauses_and_says_so_to_all(tmp_path: Path) -> None:
     with scene(tmp_path, floor_mb=1) as made, made.streaming() as client:
         ballast = made.fill(1_500_000)
-        words = "less than 1 MB free (log.floor_mb); logging pauses until there is room"
-        assert words in made.daemon.expect("log fails and is tried again")
+        words = (
+            "less than 1 MB free (log.floor_mb); logging is paused until space is free"
+        )
+        assert words in made.daemon.expect("log failed, retrying")
         assert words in made.notice("paused")["reason"]
         # All that came before it paused is in a file with an end.
         (path,) = made.logs.glob("*.mcap")
@@ -244,7 +246,7 @@ def test_a_folder_that_becomes_read_only_is_written_again_when_it_can_be(
     folder = str(tmp_path / "logs")
     with scene(tmp_path, minutes=0.005) as made, made.streaming() as client:
         made.mount("mount", "-t", "tmpfs", "-o", "ro", "none", folder)
-        assert os.strerror(errno.EROFS) in made.daemon.expect("log fails")
+        assert os.strerror(errno.EROFS) in made.daemon.expect("log failed")
         assert os.strerror(errno.EROFS) in made.notice("paused")["reason"]
         made.mount("umount", folder)
         made.daemon.expect("log works again")
@@ -260,7 +262,7 @@ def test_files_that_are_removed_cost_what_was_in_them_and_two_seconds(
     with scene(tmp_path) as made, made.streaming() as client:
         (path,) = made.logs.glob("*.mcap")
         path.unlink()
-        assert "was removed" in made.daemon.expect("log fails and is tried again")
+        assert "was removed" in made.daemon.expect("log failed, retrying")
         begin = time.monotonic()
         made.daemon.expect("log works again")
         assert time.monotonic() - begin < 3.0
@@ -274,7 +276,7 @@ def test_a_disk_that_is_full_from_the_start_is_told_and_all_else_works(
     tmp_path: Path,
 ) -> None:
     with scene(tmp_path, 10**9, has_mount=False) as made, made.streaming() as client:
-        assert "log.floor_mb" in made.daemon.expect("log fails and is tried again")
+        assert "log.floor_mb" in made.daemon.expect("log failed, retrying")
         assert "log.floor_mb" in made.notice("paused")["reason"]
         status = made.end(client)
         assert status["log"]["state"] == "paused"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the log's files contain, and when another one begins."""
+"""The contents of the log's files, and when the next one begins."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
     for size in range(8, sizes[-1][0], 7):
         cut.write_bytes(whole[:size])
         found: list[Logged | LogHead] = []
-        with pytest.raises(FileError, match="ends without an end"):
+        with pytest.raises(FileError, match="is truncated"):
             for item in read_log(cut):
                 found.append(item)
         frames = [r for r in found if isinstance(r, Logged) and r.topic == "frame"]
@@ -223,9 +223,9 @@ def write_until_killed(folder: Path, count: int) -> list[int]:
 
 
 def cut_off(path: Path) -> list[Logged]:
-    """What a file without an end holds."""
+    """The contents of a truncated file."""
     found = []
-    with pytest.raises(FileError, match="ends without an end"):
+    with pytest.raises(FileError, match="is truncated"):
         for item in read_log(path):
             if isinstance(item, Logged):
                 found.append(item)
