@@ -49,7 +49,7 @@ def run(
         files = WRITERS[to](directory, limb, made)
     except FileExistsError as error:
         raise FileError(
-            f"{error.filename} is there already; name another folder with --out"
+            f"{error.filename} already exists; choose another folder with --out"
         ) from error
     except OSError as error:
         raise FileError(f"can't export to {directory}: {error.strerror}") from error
@@ -153,7 +153,7 @@ def _bvh(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
     count = len(made.posture.times_s)
     if rows.stop - rows.start < count:
         sys.stderr.write(
-            f"{limb.name}: BVH can't say what is missing: only rows {rows.start} to "
+            f"{limb.name}: BVH can't mark missing data: only rows {rows.start} to "
             f"{rows.stop - 1} of {count}\n"
         )
     lines = body_motion.bvh(limb, made, rows)

@@ -106,7 +106,7 @@ def c3d(path: Path, limb: Chain, made: BodyAnalysis) -> None:
         import ezc3d
     except ModuleNotFoundError as error:
         raise FileError(
-            "C3D is written by ezc3d, which is not there; pip install 'imu-probe[c3d]'"
+            "writing C3D needs ezc3d: pip install 'imu-probe[c3d]'"
         ) from error
     places = posture.places(limb, made.posture.quats)
     points = {name: MM * place for name, place in places.items()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What probes on a body told: from logs, or from motion files."""
+"""The samples of probes on a body: from logs, or from motion files."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def of_files(names: Sequence[str]) -> dict[str, Track]:
         if equals and Path(file).suffix.lower() in MOTIONS:
             found[probe] = of_motion(Path(file))
         elif Path(name).suffix.lower() in MOTIONS:
-            raise FileError(f"{name}: say whose it is: PROBE={name}")
+            raise FileError(f"{name}: add the name of its probe: PROBE={name}")
         else:
             logs.append(Path(name))
     if logs:
         if found:
-            raise FileError("logs have UTC and motions have none; give one kind")
+            raise FileError("logs have UTC and motions do not; give only one kind")
         found = of_logs(logs)
     return found
 
@@ -88,7 +88,9 @@ def of_logs(paths: Iterable[Path]) -> dict[str, Track]:
             found[probe] = _of_samples(probe, raws[probe])
     lost = sorted(undated - set(found))
     if lost:
-        raise FileError(f"{', '.join(lost)}: the clock is not known, so no common time")
+        raise FileError(
+            f"{', '.join(lost)}: the clock is unknown, so there is no common time"
+        )
     return found
 
 

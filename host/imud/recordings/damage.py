@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a disk has damaged of a log, apart from what was lost on the wire."""
+"""Damage of a log on disk, apart from losses on the wire."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class DamageCount:
     def __init__(self) -> None:
         self.places = 0
         self.bytes = 0
-        self.is_cut = False  # it ends without an end
+        self.is_cut = False  # it is truncated
         self.lost = Counter[str]()  # messages, by probe
         self._due: dict[str, int] = {}  # damaged places that a probe's gap was told of
 
@@ -40,11 +40,13 @@ class DamageCount:
         self.lost[probe] += max(0, account.lost - before)
 
     def words(self) -> str:
-        """Where it is damaged; empty: nowhere. A log that ends without an end has
+        """Where it is damaged; empty: nowhere. A truncated log has
         nothing else wrong: imud was killed, or still writes it.
         """
         if not self.places:
             return ""
         places = "1 place" if self.places == 1 else f"{self.places} places"
-        cut = " and cut off" if self.is_cut else ""
-        return f"damaged in {places}{cut}; what is good was read, imud recover saves it"
+        cut = " and truncated" if self.is_cut else ""
+        return (
+            f"damaged in {places}{cut}; the intact part was read, imud recover saves it"
+        )

@@ -70,10 +70,10 @@ class Tally:
                 f"{plural(link['bytes'], 'byte')}, "
                 f"{plural(link['frames'], 'frame')}, "
                 f"{link['corrupt']} corrupt{_kinds(link['corrupt_kinds'])}"
-                + (", the first cut off" if link["partial"] else "")
+                + (", the first truncated" if link["partial"] else "")
             )
         if self.damage.is_cut and not self.damage.places:
-            yield "the log has no end: imud was killed, or still writes it"
+            yield "the log is truncated: imud was killed, or is still writing it"
 
 
 def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
@@ -207,7 +207,8 @@ def _check_schema(path: Path, head: LogHead) -> None:
     if head.fingerprint != schema.FINGERPRINT:
         raise FileError(
             f"{path} holds schema {head.fingerprint:#010x} (imud {head.version}), "
-            f"this imud reads {schema.FINGERPRINT:#010x}: use the imud of its time"
+            f"this imud reads {schema.FINGERPRINT:#010x}: use the version that wrote "
+            "it"
         )
 
 
@@ -227,7 +228,7 @@ def run(path: Path, *, as_json: bool) -> int:
     words_ = tally.damage.words()
     if not tally.messages and not words_:
         raise FileError(
-            f"{path} holds no message of a probe; name a log, a capture of a UART or a "
+            f"{path} has no message of a probe; give a log, a capture of a UART or a "
             "card's PROBE.LOG"
         )
     for line in tally.lines():
@@ -239,9 +240,9 @@ def run(path: Path, *, as_json: bool) -> int:
 
 def _other(found: OtherSchema) -> str:
     return (
-        f"probe {found.probe_id} speaks schema {found.fingerprint:#010x} (firmware "
-        f"{found.firmware}), this imud speaks {schema.FINGERPRINT:#010x}: use the imud "
-        "of its time"
+        f"probe {found.probe_id} has schema {found.fingerprint:#010x} (firmware "
+        f"{found.firmware}), this imud has {schema.FINGERPRINT:#010x}: use the "
+        "version that wrote it"
     )
 
 

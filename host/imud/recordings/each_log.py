@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What exports share: one log after the other, what each holds, and what it lacks."""
+"""Shared by exports: one log after the other, with its contents and losses."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def each_of(paths: Sequence[Path], export: Callable[[Path, Path], None]) -> int:
 def items_of(
     path: Path, topics: Container[str], damage: DamageCount
 ) -> Iterator[Logged]:
-    """What a log has on these topics; adds to `damage`. Shows the progress."""
+    """The messages of a log on these topics; adds to `damage`. Shows the progress."""
     bar = Progress("exporting", size_of(path))
     try:
         for item in salvage(path, bar.update):
@@ -49,6 +49,6 @@ def items_of(
 def tell_flaws(path: Path, strange: int, damage: DamageCount) -> None:
     """At the end of an export. FileError if the log is damaged."""
     if strange:
-        sys.stderr.write(f"{path}: {strange} messages are no objects of imud's\n")
+        sys.stderr.write(f"{path}: {strange} messages are not imud's JSON objects\n")
     if words := damage.words():
         raise FileError(f"{path} is {words}")

@@ -242,8 +242,8 @@ def _kind(to: str) -> Callable[[Path, str], Table]:
         import pyarrow.parquet  # noqa: F401 - to see whether it is installed
     except ImportError as error:
         raise FileError(
-            "Parquet is written by pyarrow, which is not there; pip install "
-            "'imu-probe[parquet]', or take --to csv"
+            "writing Parquet needs pyarrow: pip install 'imu-probe[parquet]', or use "
+            "--to csv"
         ) from error
     return ParquetTable
 
@@ -290,14 +290,14 @@ def _export(
                     file.unlink(missing_ok=True)
     except FileExistsError as error:
         raise FileError(
-            f"{error.filename} is there already; name another folder with --out"
+            f"{error.filename} already exists; choose another folder with --out"
         ) from error
     except OSError as error:
         raise FileError(f"can't export to {directory}: {error.strerror}") from error
     for file, table in tables.items():
         sys.stdout.write(f"{file}: {table.rows} rows\n")
     if not tables:
-        sys.stdout.write(f"{path} holds nothing for a table\n")
+        sys.stdout.write(f"{path} has no messages for a table\n")
     tell_flaws(path, strange, damage)
 
 

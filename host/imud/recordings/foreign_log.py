@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What others have recorded, as a log like any other: the wire's messages of a probe
+"""Recordings of other programs, as a log like any other: the wire's messages of a probe
 whose firmware is called `import`.
 
 Gaps, jitter and missing readings stay what they are: each row keeps its time, and a
@@ -38,7 +38,7 @@ SAMPLES_MIN = 20
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """What was read, in SI units and uT in the body frame."""
+    """The samples, in SI units and uT in the body frame."""
 
     t_us: np.ndarray[Any, np.dtype[np.int64]]
     acc: FloatArray
@@ -98,7 +98,7 @@ def _fresh(mag: FloatArray) -> FloatArray:
 
 
 def frames(found: Imported, probe_id: bytes) -> Iterator[bytes]:
-    """What the probe would have said."""
+    """The frames that the probe would have sent."""
     lsbs = {
         "acc": _lsb("acc", found.acc),
         "gyr": _lsb("gyr", found.gyr),
@@ -134,7 +134,7 @@ def _frame(name: str, fields: dict[str, Any], sequence: int, t_us: int) -> bytes
 
 
 def _lsb(name: str, rows: FloatArray) -> float:
-    """What a count is, so that 16 bits hold the largest reading."""
+    """The value of a count, so that 16 bits hold the largest reading."""
     sizes = np.abs(rows[np.isfinite(rows)])
     return max(LEAST_LSB[name], float(sizes.max(initial=0.0)) / COUNTS_MAX)
 
@@ -180,7 +180,7 @@ def write(found: Imported, source: Path, log: Path) -> str:
     probe_id = digest.digest()[:8]
     probe = speaker_of(introduction(_said(found, probe_id)), Probe)
     if not write_capture(_said(found, probe_id), probe, log):
-        raise FileError(f"{source}: nothing of it could be written")
+        raise FileError(f"{source}: no rows could be written")
     return probe_id.hex()
 
 

@@ -27,7 +27,7 @@ NAMES = {
 TIMES = ("time", "timestamp", "stamp", "t", "seconds", "secs", "micros", "millis")
 
 DEGREE = math.pi / 180.0
-# What one of a unit is in m/s2, rad/s, uT and s.
+# The value of each unit in m/s2, rad/s, uT and s.
 UNITS: dict[str, dict[str, float]] = {
     "acc": {"m/s2": 1.0, "g": GRAVITY_M_S2, "mg": GRAVITY_M_S2 / 1000.0, "cm/s2": 0.01},
     "gyr": {"rad/s": 1.0, "deg/s": DEGREE, "mrad/s": 1e-3, "mdeg/s": DEGREE / 1e3},
@@ -56,8 +56,9 @@ SMOOTH_S = 0.3  # over which force is averaged to see gravity turn
 
 @dataclass(slots=True)
 class ForeignMap:
-    """What was told, and then what holds. `units`: of acc, gyr, mag, time, by what one
-    of them is in SI units and uT. `axes`: as "x,-z,y", where they point in the body.
+    """The mapping as given, then completed by guesses. `units`: of acc, gyr, mag, time,
+    by what one of them is in SI units and uT. `axes`: as "x,-z,y", where they point in
+    the body.
     """
 
     columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -77,7 +78,7 @@ class ForeignMap:
             along = f", axes {self.axes[name]}" if name in self.axes else ""
             yield f"{name:<5}{', '.join(self.columns[name])}: {unit}{how}{along}"
         if "time" not in self.columns:
-            yield f"time {self.rate_hz:g} rows a second, as you say"
+            yield f"time {self.rate_hz:g} rows per second, as given"
 
 
 def unit_of(sensor: str, text: str) -> float:
@@ -122,7 +123,7 @@ def _readings(table: ForeignTable, told: ForeignMap, sensor: str) -> FloatArray:
 
 def completed(table: ForeignTable, told: ForeignMap) -> ForeignMap:
     """The map with all that was not told, guessed. FileError if that is not possible:
-    it says what to tell.
+    it names the missing option.
     """
     for name, columns in told.columns.items():
         if missing := [each for each in columns if each not in table.columns]:
@@ -151,8 +152,8 @@ def _find_columns(table: ForeignTable, told: ForeignMap) -> None:
     for sensor in ("acc", "gyr"):
         if sensor not in told.columns:
             raise FileError(
-                f"which columns are {sensor}? Of {', '.join(table.columns)} say: "
-                f"--map {sensor}=X,Y,Z"
+                f"no columns found for {sensor}; choose from "
+                f"{', '.join(table.columns)} with --map {sensor}=X,Y,Z"
             )
 
 
@@ -185,8 +186,8 @@ def _find_time(table: ForeignTable, told: ForeignMap) -> None:
         found = [n for n in table.columns if set(words(n)) & set(TIMES)]
         if not found:
             raise FileError(
-                "no column tells the time: --map time=COLUMN, or --rate HZ if rows "
-                "come evenly"
+                "no column of time found: --map time=COLUMN, or --rate HZ for evenly "
+                "spaced rows"
             )
         told.columns["time"] = (found[0],)
         told.guessed.add("time")
@@ -201,7 +202,10 @@ def _find_time(table: ForeignTable, told: ForeignMap) -> None:
         if STEP_S[0] <= step * factor <= STEP_S[1]:
             _guess(told, "time", unit, factor)
             return
-    raise FileError(f"the unit of {name}, whose steps are {step:g}? Say --unit time=ms")
+    raise FileError(
+        f"unknown unit of {name}, with steps of {step:g}: pass one such as --unit "
+        "time=ms"
+    )
 
 
 def _named_unit(sensor: str, column: str, told: ForeignMap) -> bool:
@@ -226,12 +230,12 @@ def _guess(told: ForeignMap, sensor: str, unit: str, factor: float) -> None:
 def _which_unit(
     told: ForeignMap, sensor: str, size: float, examples: tuple[str, str]
 ) -> FileError:
-    """That no unit fits; `examples`: of a unit, and of what a count is."""
+    """The error that no unit fits; `examples`: a unit, and the size of a count."""
     unit, count = examples
     return FileError(
-        f"the unit of {', '.join(told.columns[sensor])}, whose length is {size:g} as a "
-        f"rule? Say --unit {sensor}={unit}, or --unit {sensor}={count} for what a "
-        "count is"
+        f"unknown unit of {', '.join(told.columns[sensor])}, of typical length "
+        f"{size:g}: pass --unit {sensor}={unit}, or --unit {sensor}={count} for the "
+        "size of one count"
     )
 
 
@@ -266,7 +270,7 @@ def _find_mag(table: ForeignTable, told: ForeignMap) -> None:
 
 
 def _find_gyr(table: ForeignTable, told: ForeignMap) -> None:
-    """Of all units the one by which gravity turns in the body as the rate says."""
+    """Finds the unit with which gravity rotates in the body as the rates do."""
     if "gyr" in told.units or _named_unit("gyr", told.columns["gyr"][0], told):
         return
     acc = vector(table, told, "acc")
@@ -277,8 +281,8 @@ def _find_gyr(table: ForeignTable, told: ForeignMap) -> None:
             _guess(told, "gyr", unit, one)
             return
     raise FileError(
-        f"the unit of {', '.join(told.columns['gyr'])}? Gravity does not turn as they "
-        "say in any: --unit gyr=deg/s, and look at --axes"
+        f"unknown unit of {', '.join(told.columns['gyr'])}: gravity does not rotate "
+        "with them in any unit; pass one such as --unit gyr=deg/s, and check --axes"
     )
 
 

@@ -74,8 +74,8 @@ def read(path: Path) -> ForeignTable:
 
 
 def _text(path: Path) -> dict[str, FloatArray]:
-    """Of lines with a separator. Names are in the last line before the first numbers;
-    without one columns are called 1, 2, 3.
+    """Reads lines with a separator. Names are in the last line before the first
+    numbers; without one columns are called 1, 2, 3.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -83,7 +83,7 @@ def _text(path: Path) -> dict[str, FloatArray]:
             file.seek(0)
             return _rows(path, _cells(path, file, separator))
     except UnicodeDecodeError as error:
-        raise FileError(f"{path} is no text of numbers") from error
+        raise FileError(f"{path} is not a text file of numbers") from error
 
 
 def _separator(head: str) -> str | None:
@@ -124,7 +124,7 @@ def _rows(path: Path, cells: Iterator[tuple[int, list[str]]]) -> dict[str, Float
             first = row[0].lstrip("#% ")
             names = [first, *row[1:]]
         elif values is None:
-            raise FileError(f"{path}:{number}: not all of it are numbers")
+            raise FileError(f"{path}:{number}: not all values are numbers")
         elif width and len(values) != width:
             raise FileError(f"{path}:{number}: {len(values)} columns, not {width}")
         else:
@@ -138,7 +138,7 @@ def _rows(path: Path, cells: Iterator[tuple[int, list[str]]]) -> dict[str, Float
 
 
 def _numbers(row: list[str]) -> list[float] | None:
-    """Of cells; an empty one is NaN. None if one is something else."""
+    """The numbers of cells; an empty one is NaN. None if one is something else."""
     try:
         return [float(cell) if cell else np.nan for cell in row]
     except ValueError:
@@ -159,7 +159,9 @@ def _parquet(path: Path) -> dict[str, Any]:
         import pyarrow
         from pyarrow import parquet
     except ImportError as error:
-        raise FileError(f"{path}: pip install imu-probe[parquet] reads it") from error
+        raise FileError(
+            f"{path}: reading Parquet needs pyarrow: pip install 'imu-probe[parquet]'"
+        ) from error
     try:
         about = parquet.read_metadata(path)
         size = 8 * about.num_rows * about.num_columns
@@ -167,7 +169,7 @@ def _parquet(path: Path) -> dict[str, Any]:
             raise FileError(f"{path} takes too much memory: {size / 1e6:.0f} MB")
         table = parquet.read_table(path)
     except (pyarrow.ArrowException, OSError) as error:
-        raise FileError(f"{path} is no Parquet file: {error}") from error
+        raise FileError(f"{path} is not a Parquet file: {error}") from error
     found = {}
     for name in table.column_names:
         column = table.column(name)
@@ -206,7 +208,9 @@ def _bag(path: Path) -> ForeignTable:
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
     except ImportError as error:
-        raise FileError(f"{path}: pip install imu-probe[rosbag2] reads it") from error
+        raise FileError(
+            f"{path}: reading bags needs rosbags: pip install 'imu-probe[rosbag2]'"
+        ) from error
     try:
         with AnyReader([path]) as reader:
             wanted = [*_only(path, reader, IMU), *_only(path, reader, FIELD)]
@@ -222,7 +226,7 @@ def _bag(path: Path) -> ForeignTable:
                     field = message.magnetic_field
                     fields.append((t_s, field.x, field.y, field.z))
     except (AnyReaderError, KeyError, ValueError) as error:
-        raise FileError(f"{path} is no bag that can be read: {error}") from error
+        raise FileError(f"{path} is not a readable bag: {error}") from error
     if not moved:
         raise FileError(f"{path} has no topic of sensor_msgs/Imu")
     return ForeignTable(_beside(np.array(moved), np.array(fields)), is_known=True)

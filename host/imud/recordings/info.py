@@ -31,12 +31,13 @@ from imud.wire import messages, schema
 from imud.wire.messages import Message
 from imud.wire.params import calibrated_by, digest_of
 
-# What no host has dated has the probe's own time, from 1970 on: it lasts 50 days.
+# Messages without a host's date have the probe's own time, from 1970 on: it lasts 50
+# days.
 DATED_NS = 365 * 86_400 * 10**9
 
 
 class ProbeInfo:
-    """What a log holds of one probe."""
+    """The contents of a log for one probe."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -112,7 +113,7 @@ class ProbeInfo:
 
 
 def info_of(path: Path) -> dict[str, Any]:
-    """What is known of one log, as an object for JSON."""
+    """The summary of one log, as an object for JSON."""
     head: LogHead | None = None
     probes: dict[str, ProbeInfo] = {}
     damage = DamageCount()
@@ -177,11 +178,11 @@ def _words(info: dict[str, Any]) -> str:
     if info["is_being_written"]:
         state = "being written"
     elif info["is_cut"]:
-        state = "cut off"
+        state = "truncated"
     if info["damaged_places"]:
         state += f"{', ' if state else ''}damaged in {info['damaged_places']} places"
     if not (info["is_whole"] or info["is_being_written"]):
-        state += " (imud recover saves what is good)"
+        state += " (imud recover saves the intact part)"
     lines = [f"{info['log']}: {info['bytes'] / 1e6:.1f} MB, {state}"]
     if info["imud"] is not None:
         lines[0] += f"; by imud {info['imud']}, schema {info['schema']}"
@@ -228,9 +229,9 @@ def _span(begin_ns: int, end_ns: int) -> str:
 
 def _params(each: dict[str, Any]) -> str:
     if each["bytes"] is None:
-        return f"{each['digest']}, which the log does not hold"
+        return f"{each['digest']}, not in the log"
     if not each["bytes"]:
-        return "none: as the sensor comes"
+        return "none: uncalibrated"
     sensors = ", ".join(each["calibrated"]) or "nothing"
     return f"{each['digest']}: {each['bytes']} bytes, calibrate {sensors}"
 

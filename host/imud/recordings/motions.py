@@ -28,7 +28,7 @@ SAMPLES_MIN = 20
 
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
-    """What a sensor felt, before any calibration, and the params that it had then."""
+    """A sensor's uncalibrated readings, and its params at that time."""
 
     motion: Motion
     probe: str = ""  # its name; empty: a table tells none
@@ -66,7 +66,7 @@ def load(path: Path, probe: str | None = None) -> RecordedMotion:
     """
     if path.suffix.lower() in TABLES:
         if probe is not None:
-            raise ConfigError(f"{path} is of one probe: leave --probe out")
+            raise ConfigError(f"{path} has only one probe: leave out --probe")
         try:
             return RecordedMotion(motion.load(path))
         except MotionError as error:
@@ -85,7 +85,9 @@ def load(path: Path, probe: str | None = None) -> RecordedMotion:
     known = tally.probe(name)
     scales = _scales(known.hello)
     if scales is None:
-        raise FileError(f"{path}: probe {name} does not tell what its counts mean")
+        raise FileError(
+            f"{path}: probe {name} has no hello with the scales of its counts"
+        )
     stretch = max(found[name].stretches, key=len)
     if len(stretch) < SAMPLES_MIN:
         raise MotionError(f"{path}: {len(stretch)} raw samples in a row are too few")
@@ -109,7 +111,8 @@ def load(path: Path, probe: str | None = None) -> RecordedMotion:
 
 
 def _scales(hello: Mapping[str, Value]) -> tuple[float, float, float] | None:
-    """Of a count of gyroscope, accelerometer and magnetometer, in SI units and uT."""
+    """Values of a count of gyroscope, accelerometer and magnetometer, in SI units and
+    uT."""
     match [hello.get(key) for key in ("gyr_lsb", "acc_lsb", "mag_lsb")]:
         case [float(gyr), float(acc), float(mag)]:
             return gyr, acc, mag
@@ -124,24 +127,26 @@ def _chosen(path: Path, probe: str | None, found: dict[str, _Samples]) -> str:
     names = ", ".join(sorted(found))
     if not found:
         raise FileError(
-            f"{path} holds no raw samples; log them with streams = "
-            '["pose", "raw"] and raw_rate of the probe'
+            f"{path} has no raw samples; set streams = "
+            '["pose", "raw"] and raw_rate of the probe, and log again'
         )
     if probe is None and len(found) > 1:
-        raise ConfigError(f"{path} has several probes: --probe one of {names}")
+        raise ConfigError(
+            f"{path} has several probes; choose one with --probe: {names}"
+        )
     if probe is not None and probe not in found:
         raise ConfigError(f"{path} has no raw samples of {probe}; there are {names}")
     return probe or next(iter(found))
 
 
 def words_of(path: Path, found: RecordedMotion) -> str:
-    """What was read, on one line."""
+    """The summary of the recording, on one line."""
     motion_ = found.motion
     parts = [f"{len(motion_)} samples at {motion_.rate_hz:.0f} Hz"]
     if found.probe:
         parts[0] += f" of {found.probe}"
     if found.filled:
-        parts.append(f"{found.filled} missing ones filled")
+        parts.append(f"{found.filled} missing samples filled in")
     if found.left_out_s > 0.0:
-        parts.append(f"{found.left_out_s:.1f} s beyond gaps left out")
+        parts.append(f"{found.left_out_s:.1f} s across gaps left out")
     return f"{path}: {', '.join(parts)}"

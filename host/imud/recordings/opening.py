@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the metadata of a log say of a probe: its hello and params, which it may have
+"""A probe in the metadata of a log: its hello and params, which it may have
 told before the log began.
 """
 

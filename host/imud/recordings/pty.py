@@ -53,7 +53,7 @@ class PtyPort:
 
     def __init__(self, link: Path | None) -> None:
         if fcntl is None:
-            raise FileError("this system has no pseudo terminals: leave --link out")
+            raise FileError("this system has no pseudo terminals: leave out --link")
         self._master, slave = os.openpty()
         tty.setraw(slave)
         attributes = termios.tcgetattr(slave)

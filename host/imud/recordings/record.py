@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""`imud record`: writes what daemons publish to logs, wherever they are, and says by
-number what did not arrive. docs/fleet.md shows where it stands.
+"""`imud record`: writes the messages of daemons on any host to logs, and reports
+sequence gaps. docs/fleet.md shows where it stands.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ WAITING_MAX = 128_000
 
 _HEADER = struct.Struct(schema.HEADER)
 
-Arrival = tuple[str, Delivery, int]  # topic, what came, UTC in ns
+Arrival = tuple[str, Delivery, int]  # topic, message, UTC in ns
 
 
 class Recorder:
@@ -182,7 +182,7 @@ class Recorder:
         return self._series.setdefault((probe, topic), Series())
 
     def missed(self, probe: str | None = None) -> Missed:
-        """What did not arrive so far, of one probe or of all."""
+        """Missing messages so far, of one probe or of all."""
         return combined(
             {
                 key: series.missed()
@@ -192,7 +192,7 @@ class Recorder:
         )
 
     def summary(self) -> dict[str, Any]:
-        """What came of each probe, as JSON values."""
+        """Counts of each probe, as JSON values."""
         probes = sorted(self.written | self.unwritten | self.overflowed)
         return {
             probe: {
@@ -226,7 +226,7 @@ def run(
     *,
     as_json: bool,
 ) -> int:
-    """Records until SIGTERM, SIGINT or for `seconds`; then says what came."""
+    """Records until SIGTERM, SIGINT or for `seconds`; then prints a summary."""
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
@@ -249,7 +249,8 @@ def run(
     for name, of in summary.items():
         missed = of["missed"]
         sys.stdout.write(
-            f"{name}: {of['written']} messages written, {of['unwritten']} not; missed "
-            f"{missed['network']} on the network, {missed['wire']} on the wire\n"
+            f"{name}: {of['written']} messages written, {of['unwritten']} not; "
+            f"missing {missed['network']} on the network, {missed['wire']} on the "
+            "wire\n"
         )
     return 0

@@ -71,7 +71,7 @@ def run(path: Path, to: Path | None) -> int:
     size = size_of(path)
     to = to or path.with_name(f"{path.stem}-recovered.mcap")
     if os.path.lexists(to):
-        raise FileError(f"{to} is there already; name another with --to")
+        raise FileError(f"{to} already exists; choose another file with --to")
     part = to.with_name(f"{to.name}.part")
     try:
         copy, damages = _copy(path, size, part)
@@ -82,15 +82,15 @@ def run(path: Path, to: Path | None) -> int:
     finally:
         part.unlink(missing_ok=True)
     if not damages:
-        sys.stdout.write(f"{path} is whole, with {_messages(copy.messages)}\n")
+        sys.stdout.write(f"{path} is intact, with {_messages(copy.messages)}\n")
         return 0
     if not copy.messages:
-        raise FileError(f"{path} holds nothing that could be saved")
+        raise FileError(f"{path} has no intact messages")
     sys.stdout.write(f"{to}: {_messages(copy.messages)} saved; {_words(damages)}\n")
     if copy.unknown:
         sys.stdout.write(
-            f"{_messages(copy.unknown)} left out: whose they were stood in what is "
-            "lost\n"
+            f"{_messages(copy.unknown)} left out: their probe is unknown, as that "
+            "part is lost\n"
         )
     return 0
 
@@ -143,7 +143,7 @@ def _words(damages: list[Damage]) -> str:
     if tails:
         lost = sum(each.size for each in tails)
         sentences.append(
-            f"cut off, {lost} bytes at its end lost" if lost else "cut off"
+            f"truncated, {lost} bytes at its end lost" if lost else "truncated"
         )
     return ", ".join(sentences)
 

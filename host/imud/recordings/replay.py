@@ -70,7 +70,7 @@ class LogSet:
 
 
 def log_set(paths: Sequence[Path], probe: str | None = None) -> LogSet:
-    """What to play: all probes of these logs, or only `probe`.
+    """The source of a replay: all probes of these logs, or only `probe`.
 
     Raises FileError for logs without messages, ProbeUnknown for a probe not in them.
     """
@@ -88,7 +88,7 @@ def log_set(paths: Sequence[Path], probe: str | None = None) -> LogSet:
         raise FileError(f"{where}: no messages of a probe")
     if probe is not None and probe not in prefixes:
         raise ProbeUnknown(
-            f"{where}: no probe {probe}; there is {', '.join(sorted(prefixes))}"
+            f"{where}: no probe {probe}; available: {', '.join(sorted(prefixes))}"
         )
     names = [probe] if probe is not None else sorted(prefixes)
     ordered = sorted(begins, key=begins.__getitem__)
@@ -154,7 +154,7 @@ class _Player:
                 if isinstance(item, Damage):
                     if item.size:
                         self._bar.wipe()
-                        _say(f"{path}: left out {item.size} damaged bytes")
+                        _say(f"{path}: skipped {item.size} damaged bytes")
                 elif isinstance(item, Logged) and item.topic in METADATA:
                     if item.probe in self.openings:
                         self.openings[item.probe].add(item.topic, item.data)
@@ -184,13 +184,13 @@ def to_ports(what: LogSet, link: Path | None, speed: float | None) -> int:
     """
     if link is not None and len(what.probes) > 1:
         raise ProbeUnknown(
-            f"there are {', '.join(what.probes)} and --link is one port: choose one "
-            "with --probe, or leave --link out"
+            f"there are {', '.join(what.probes)} but --link is one port: choose one "
+            "with --probe, or leave out --link"
         )
     if what.others:
         raise FileError(
-            f"{what.others[0]} is of another schema than this imud; use the imud that "
-            "wrote it, or replay what was published with --connect"
+            f"{what.others[0]} has another schema than this imud; use the version "
+            "that wrote it, or replay its published messages with --connect"
         )
     ports: dict[str, PtyPort] = {}
     strange = 0
@@ -216,14 +216,14 @@ def to_ports(what: LogSet, link: Path | None, speed: float | None) -> int:
                 player.count += 1
             left = sum(each.drain() for each in ports.values())
             if left:
-                sys.stderr.write(f"the reader has left the last {left} bytes\n")
+                sys.stderr.write(f"the reader did not read the last {left} bytes\n")
     except PortGone:
         pass
     finally:
         for each in ports.values():
             each.close()
     if strange:
-        sys.stderr.write(f"left out {strange} frames that no probe could have sent\n")
+        sys.stderr.write(f"left out {strange} invalid frames\n")
     return 0
 
 
@@ -266,7 +266,7 @@ class NetworkProbe:
     def _refuse(self, query: zenoh.Query) -> None:
         with query:
             query.reply_err(
-                "this is the replay of a log, which takes no commands and has no "
+                "this is a replay of a log, which accepts no commands and has no "
                 "history",
                 encoding=zenoh.Encoding.TEXT_PLAIN,
             )
@@ -279,8 +279,8 @@ def connected(what: LogSet, endpoint: str | None, keys: Path | None) -> Client:
     """A client that may publish; ConfigError for keys that are not a daemon's."""
     if keys is not None and network.read_credentials(keys).role != "daemon":
         raise ConfigError(
-            f"{keys}: only a daemon may publish; imud keys add DIR daemon NAME makes "
-            "its file"
+            f"{keys}: only the role daemon may publish; create its file with imud "
+            "keys add DIR daemon NAME"
         )
     if endpoint is None:
         return Client(prefix=what.prefix, keys=keys)
@@ -296,8 +296,9 @@ def to_network(what: LogSet, client: Client, speed: float | None) -> int:
     session = client.session
     for name in sorted({*what.probes} & {*client.alive()}):
         raise ProbeUnknown(
-            f"a probe {name} is there already, and two on one key can't be told apart; "
-            "replay on another network, or choose another with --probe"
+            f"a probe {name} already exists on this network, and two on one key can't "
+            "be distinguished; replay on another network, or choose another probe "
+            "with --probe"
         )
     probes: dict[str, NetworkProbe] = {}
     try:

@@ -34,7 +34,7 @@ TOPICS = frozenset({"pose", "raw", "stroke", "event", "status"})
 # As the daemon's configuration has them by default.
 NAMESPACE, WORLD = "imud", "world"
 
-# What the translator raises on an object that is not as imud writes it.
+# Exceptions of the translator for an object that imud did not write.
 STRANGE = (
     *(LookupError, TypeError, ValueError, AttributeError, OverflowError),
     *(struct.error, msgspec.MsgspecError),
@@ -57,7 +57,7 @@ class ProbeInLog:
             self._sets[digest_of(item.data)] = item.data
 
     def messages(self, item: Logged) -> list[RosMessage]:
-        """Of an object of a log; raises one of STRANGE."""
+        """Messages for an object of a log; raises one of STRANGE."""
         values = msgspec.json.decode(item.data, type=dict[str, Any])
         if values.get("since_origin") is not None:
             since = msgspec.convert(values["since_origin"], SinceErrors)
@@ -125,8 +125,7 @@ def run(paths: Sequence[Path], out: Path | None) -> int:
         import rosbags.rosbag2  # noqa: F401 - to see whether it is installed
     except ImportError as error:
         raise FileError(
-            "bags are written by rosbags, which is not there; pip install "
-            "'imu-probe[rosbag2]'"
+            "writing bags needs rosbags: pip install 'imu-probe[rosbag2]'"
         ) from error
     return each_of(paths, lambda log, by: _export(log, out or by))
 
@@ -134,7 +133,7 @@ def run(paths: Sequence[Path], out: Path | None) -> int:
 def _export(path: Path, directory: Path) -> None:
     folder = directory / f"{path.stem}-rosbag2"
     if folder.exists():
-        raise FileError(f"{folder} is there already; name another folder with --out")
+        raise FileError(f"{folder} already exists; choose another folder with --out")
     probes: dict[str, ProbeInLog] = {}
     damage = DamageCount()
     strange = 0
@@ -157,7 +156,7 @@ def _export(path: Path, directory: Path) -> None:
         raise FileError(f"can't export to {folder}: {error.strerror}") from error
     if not bag.count:
         shutil.rmtree(folder)
-        sys.stdout.write(f"{path} holds nothing for ROS 2\n")
+        sys.stdout.write(f"{path} has no messages for ROS 2\n")
     else:
         sys.stdout.write(f"{folder}: {bag.count} messages\n")
     tell_flaws(path, strange, damage)

@@ -28,7 +28,7 @@ STDIN = Path("-")
 @contextlib.contextmanager
 def local(path: Path) -> Iterator[Path]:
     """The file at `path`. What `-` names is read from stdin to its end first, into a
-    file of its own, since some readers go to and fro in theirs.
+    file of its own, since some readers seek in theirs.
     """
     if path != STDIN:
         yield path
@@ -58,13 +58,13 @@ def log_of(path: Path) -> Iterator[Path]:
             return
         if magic == CARD_MAGIC:
             raise FileError(
-                f"{path} is a card's; imud card read {path} makes logs of it"
+                f"{path} is from a card; convert it to logs with imud card read {path}"
             )
         log = Path(folder) / f"{file.stem}.mcap"
         probe = speaker_of(introduction(chunks_of(file)), Probe)
         if not write_capture(chunks_of(file), probe, log):
             raise FileError(
-                f"{path} is no log, and no capture with messages of a probe"
+                f"{path} is neither a log nor a capture with messages of a probe"
             )
         yield log
 

@@ -112,12 +112,12 @@ def test_csv_has_errors_and_the_path_of_the_foot(recorded: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["a.npz", "--body", "leg.toml"], "say whose it is: PROBE=a.npz"),
+        (["a.npz", "--body", "leg.toml"], "add the name of its probe: PROBE=a.npz"),
         (["thigh=thigh.npz", "--body", "none.toml"], "can't read none.toml"),
         (["thigh=none.npz", "--body", "leg.toml"], "none.npz: No such file"),
         (["other=thigh.npz", "--body", "leg.toml"], "none of its probes is there"),
         (["thigh=thigh.npz", "--body", "leg.toml"], "say where the person faces"),
-        (["thigh=thigh.npz", "--to", "sto"], "name one by --body"),
+        (["thigh=thigh.npz", "--to", "sto"], "give one with --body"),
         (["a", "--to", "parquet", "--body", "leg.toml"], "csv, sto, bvh or c3d"),
         (["thigh=slow.npz", "--body", "leg.toml"], "20 samples a second; 40 are"),
     ],
@@ -209,7 +209,7 @@ def test_a_probe_whose_clock_is_not_known_is_told(monkeypatch: pytest.MonkeyPatc
     late = messages_of("shank", bound_us=None)
     monkeypatch.setattr(body_tracks, "salvage", lambda *_: late)
     assert cli.main(["export", "x.mcap", "--body", "none.toml"]) == 1
-    with pytest.raises(Exception, match="shank: the clock is not known"):
+    with pytest.raises(Exception, match="shank: the clock is unknown"):
         body_tracks.of_files(["x.mcap"])
 
 

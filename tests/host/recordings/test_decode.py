@@ -147,7 +147,7 @@ def test_damage_is_counted_at_the_end_and_ends_nothing(
         f"{probe.name}: 9 sent = 8 received + 0 skewed + 1 lost; 2 duplicated, "
         "0 stray, 1 boot",
         f"{len(data)} bytes, 10 frames, 2 corrupt (1 bad_cobs, 1 bad_crc), "
-        "the first cut off",
+        "the first truncated",
     ]
 
 
@@ -196,13 +196,13 @@ def test_a_log_that_was_cut_says_so_and_gives_the_rest(
     sink.close()
     items, report = decoded(cut, capsys)
     assert len(items) == 1
-    assert "the log has no end: imud was killed, or still writes it" in report
+    assert "the log is truncated: imud was killed, or is still writing it" in report
 
 
 def test_damaged_places_cost_what_they_hit_and_are_no_loss_of_the_wire(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Every reader of logs goes on behind them, says so, and ends with 1."""
+    """Every reader of logs continues behind them, says so, and ends with 1."""
     put = records(300)
     path = write(tmp_path, *(put[at : at + 20] for at in range(0, 300, 20)))
     with path.open("rb") as file:
@@ -218,7 +218,7 @@ def test_damaged_places_cost_what_they_hit_and_are_no_loss_of_the_wire(
     assert 300 - 40 <= kept < 300
     *counts, last = captured.err.splitlines()
     assert last == (
-        f"imud: {path} is damaged in 2 places; what is good was read, imud recover "
+        f"imud: {path} is damaged in 2 places; the intact part was read, imud recover "
         "saves it"
     )
     damaged = 300 - kept
@@ -270,9 +270,7 @@ def test_a_capture_of_another_schema_is_explained(
     probe = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1)
     items, report = decoded(capture(tmp_path, probe.say("hello")), capsys, code=1)
     assert items == []
-    assert (
-        f"speaks schema {schema.FINGERPRINT ^ 1:#010x} (firmware 0.1.0+fake)" in report
-    )
+    assert f"has schema {schema.FINGERPRINT ^ 1:#010x} (firmware 0.1.0+fake)" in report
 
 
 def test_words_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -131,7 +131,7 @@ def test_what_comes_out_is_a_log_like_any_other(
     assert cli.main(["export", str(log), "--out", str(tmp_path / "tables")]) == 0
     # It is not written over.
     assert cli.main(["import", str(path)]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
 
 
 def test_axes_and_units_are_as_told(tmp_path: Path) -> None:
@@ -227,13 +227,19 @@ ROW = "0.01,0,0,9.8,0,0,0"
     ("content", "why"),
     [
         ("", "holds no numbers"),
-        (lines("t,ax,ay,az", "1,2,3,4"), "which columns are gyr"),
-        (lines("ax,ay,az,gx,gy,gz", "1,2,3,4,5,6"), "no column tells the time"),
+        (lines("t,ax,ay,az", "1,2,3,4"), "no columns found for gyr"),
+        (lines("ax,ay,az,gx,gy,gz", "1,2,3,4,5,6"), "no column of time found"),
         (lines(HEAD, ROW, "0.02,0,0"), ":3: 3 columns, not 7"),
-        (lines(HEAD, ROW, "0.02,0,0,x,0,0,0"), ":3: not all of it are numbers"),
-        (lines(HEAD, *[ROW] * 9), "the unit of t, whose steps are 0"),
-        (lines(HEAD, *(f"{n},0,0,77,0,0,1" for n in range(99))), "the unit of ax, ay"),
-        (lines(HEAD, *(f"{n},0,0,9.8,0,0,1" for n in range(99))), "the unit of gx, gy"),
+        (lines(HEAD, ROW, "0.02,0,0,x,0,0,0"), ":3: not all values are numbers"),
+        (lines(HEAD, *[ROW] * 9), "unknown unit of t, with steps of 0"),
+        (
+            lines(HEAD, *(f"{n},0,0,77,0,0,1" for n in range(99))),
+            "unknown unit of ax, ay",
+        ),
+        (
+            lines(HEAD, *(f"{n},0,0,9.8,0,0,1" for n in range(99))),
+            "unknown unit of gx, gy",
+        ),
         ("x" * 70000, "longer than 65536 characters"),
     ],
 )
@@ -251,8 +257,8 @@ def test_what_cannot_be_read_says_what_to_tell(
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["--map", "acc=ax,ay"], "2 columns were named"),
-        (["--map", "foo=ax"], "say acc or gyr or mag or time"),
+        (["--map", "acc=ax,ay"], "needs 3, not 2 columns"),
+        (["--map", "foo=ax"], "write acc or gyr or mag or time"),
         (["--map", "acc=ax,ay,q"], "no column q"),
         (["--unit", "acc=parsec"], "no unit 'parsec'"),
         (["--axes", "gyr=x,x,z"], "axes are three like x,-z,y"),
@@ -278,5 +284,5 @@ def test_a_gyroscope_whose_axes_are_wrong_is_not_believed(tmp_path: Path) -> Non
     t, acc, gyr, _ = recording()
     names = ["t", *named("a{}", "w{}")]
     path = text(tmp_path / "a.csv", names, t, acc, gyr[:, [1, 2, 0]])
-    with pytest.raises(FileError, match="Gravity does not turn as they say"):
+    with pytest.raises(FileError, match="gravity does not rotate with them"):
         foreign_log.read(path)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a virtual probe can be moved by: logs, captures, exported tables."""
+"""Motions of a virtual probe from logs, captures and exported tables."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LSB = {"acc_lsb": 0.001, "gyr_lsb": 0.002, "mag_lsb": 0.25}
 
 def capture(path: Path, *probes: FakeProbe, without: range = range(0)) -> Path:
     """Hundred raw samples of each; those with these numbers never came. Every second
-    one has news of the magnetometer.
+    one has a new reading of the magnetometer.
     """
     data = [probe.say("hello", raw_rate=200, sample_rate=200) for probe in probes]
     for number in range(100):
@@ -61,13 +61,13 @@ def test_short_gaps_are_filled_and_of_longer_ones_the_longest_stretch_is_taken(
     found = motions.load(file)
     assert (len(found.motion), found.filled) == (100, 5)
     assert found.motion.acc[:, 2] == pytest.approx(0.001 * np.arange(100))
-    assert "5 missing ones filled" in motions.words_of(file, found)
+    assert "5 missing samples filled in" in motions.words_of(file, found)
     file = capture(tmp_path / "b.bin", FakeProbe(**LSB), without=range(30, 55))
     found = motions.load(file)
     assert len(found.motion) == 45
     assert found.motion.acc[0, 2] == pytest.approx(0.055)
     assert found.left_out_s == pytest.approx(29 * 0.005)
-    assert "0.1 s beyond gaps left out" in motions.words_of(file, found)
+    assert "0.1 s across gaps left out" in motions.words_of(file, found)
 
 
 def test_of_several_probes_one_is_named(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_of_several_probes_one_is_named(tmp_path: Path) -> None:
     )
     both = tmp_path / "both.bin"
     both.write_bytes(one.read_bytes() + other.read_bytes())
-    with pytest.raises(ConfigError, match=f"--probe one of .*{left.name}"):
+    with pytest.raises(ConfigError, match=f"choose one with --probe: .*{left.name}"):
         motions.load(both)
     assert motions.load(both, right.name).probe == right.name
     with pytest.raises(ConfigError, match=f"no raw samples of nobody; .*{left.name}"):
@@ -88,7 +88,7 @@ def test_what_has_no_samples_says_what_to_do(tmp_path: Path) -> None:
     probe = FakeProbe()
     poses = tmp_path / "poses.bin"
     poses.write_bytes(b"\0" + probe.say("hello") + probe.poses(5))
-    with pytest.raises(FileError, match=r"holds no raw samples; log them with"):
+    with pytest.raises(FileError, match=r"has no raw samples; set"):
         motions.load(poses)
     few = capture(tmp_path / "few.bin", FakeProbe(**LSB), without=range(10, 100))
     with pytest.raises(MotionError, match="10 raw samples in a row are too few"):
@@ -106,7 +106,7 @@ def test_an_exported_table_is_a_motion_by_the_same_names(tmp_path: Path) -> None
         assert {*names} <= {*header}
     felt = motions.load(table).motion
     assert felt.acc[0].tolist() == list(put[0].values["acc_m_s2"])
-    with pytest.raises(ConfigError, match="leave --probe out"):
+    with pytest.raises(ConfigError, match="leave out --probe"):
         motions.load(table, "left")
 
 
@@ -150,8 +150,8 @@ def test_the_params_of_a_log_are_in_force_on_a_board_of_its_kind(
     assert cli.main(["sim", board, "--motion", str(first), *options, str(second)]) == 0
     said = capsys.readouterr().err
     if board == "nano":
-        assert "its params are in force" in said
+        assert "its params are active" in said
         assert motions.load(second).records == records_
     else:
-        assert "its params are those of a nano and left out" in said
+        assert "its params are those of a nano and not used" in said
         assert motions.load(second).records == b""

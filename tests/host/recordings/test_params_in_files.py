@@ -33,7 +33,7 @@ ONE, OTHER, THIRD = (calibrated_records(seed) for seed in (1, 2, 3))
 
 
 def talk(probe: FakeProbe, before: bytes, after: bytes) -> list[bytes]:
-    """What a probe says whose params change between its samples."""
+    """The messages of a probe whose params change between its samples."""
     signed = digest_of(after) - ((digest_of(after) >> 31) << 32)
     probe.hello_fields = probe.hello_fields | {"params_digest": digest_of(before)}
     contents = [probe.content("hello"), *parts_of(probe, before, probe.content)]
@@ -196,8 +196,8 @@ def test_info_shows_which_params_were_in_force(
     assert (
         f"params {digest_of(ONE):#010x}: {size} bytes, calibrate acc, gyr, mag" in shown
     )
-    assert f"params {digest_of(other):#010x}, which the log does not hold" in shown
-    assert "params none: as the sensor comes" in shown
+    assert f"params {digest_of(other):#010x}, not in the log" in shown
+    assert "params none: uncalibrated" in shown
 
 
 def test_records_are_read_as_far_as_they_are_known_and_whole() -> None:

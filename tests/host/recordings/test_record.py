@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`imud record` keeps all that is published, and says by number what did not arrive."""
+"""`imud record` logs all published messages, and reports sequence gaps."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_a_disk_without_room_is_told_and_counted(
     made = Recorder(network, tmp_path, settings, None)  # type: ignore[arg-type]
     network.say("frame", encode("pose", FakePose, 1, 2))
     made.write()
-    assert "logging pauses" in made.trouble
+    assert "logging is paused" in made.trouble
     assert made.summary()[NAME]["unwritten"] == 1
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`imud replay`: to whoever reads or subscribes, a log is the probe itself."""
+"""`imud replay`: readers and subscribers can't tell a log from the probe itself."""
 
 from __future__ import annotations
 
@@ -75,12 +75,12 @@ def test_a_replayed_probe_is_alive_answers_with_its_status_and_takes_no_command(
                 assert time.monotonic() < until
             (shown,) = client.statuses()
             assert (shown["probe"], shown["state"]) == ("left", "streaming")
-            with pytest.raises(CommandRefused, match="the replay of a log"):
+            with pytest.raises(CommandRefused, match="a replay of a log"):
                 client.command("left", "start")
             # One who would say the same on the same keys is kept from it.
             with (
                 Client(endpoint) as second,
-                pytest.raises(ProbeUnknown, match="a probe left is there already"),
+                pytest.raises(ProbeUnknown, match="a probe left already exists"),
             ):
                 replay.to_network(replay.log_set([path]), second, None)
             process.send_signal(signal.SIGINT)
@@ -149,7 +149,7 @@ def test_each_probe_of_a_log_speaks_on_a_pty_of_its_own(tmp_path: Path) -> None:
 
 
 def read(ports: list[str], count: int) -> list[list[bytes]]:
-    """So many messages of each port."""
+    """`count` messages of each port."""
     files = [os.open(port, os.O_RDONLY | os.O_NOCTTY) for port in ports]
     sessions = {}
     for file in files:
@@ -213,10 +213,10 @@ def test_where_keys_rule_a_daemon_may_replay_and_nobody_else(
         assert capsys.readouterr().out == "replayed 101 messages\n"
         as_viewer = ["--keys", str(clients / "viewer.toml")]
         assert cli.main(["replay", str(path), *as_viewer]) == 1
-        assert "only a daemon may publish" in capsys.readouterr().err
+        assert "only the role daemon may publish" in capsys.readouterr().err
     both = [*as_player, "--link", str(tmp_path / "x")]
     assert cli.main(["replay", str(path), *both]) == 1
-    assert "leave one out" in capsys.readouterr().err
+    assert "leave out one of them" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("what", ["replaying", "exporting", "recovering", "reading"])

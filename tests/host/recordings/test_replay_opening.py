@@ -34,7 +34,7 @@ HOURS = 3_600_000_000_000
 
 
 def contents_with(records: bytes, before: int = 10) -> list[bytes]:
-    """What a probe says that has these params, then samples."""
+    """The messages of a probe with these params, then samples."""
     probe = FakeProbe(params_digest=digest_of(records))
     contents = [probe.content("pose") for _ in range(before)]
     contents += [probe.content("hello"), *parts_of(probe, records, probe.content)]
@@ -42,7 +42,7 @@ def contents_with(records: bytes, before: int = 10) -> list[bytes]:
 
 
 def received(contents: list[bytes]) -> list[Received]:
-    """What a daemon hears that reads these from their first byte on."""
+    """The events of a daemon that reads these from their first byte on."""
     probe = Probe("left")
     session = Session(lambda _: probe, 0)
     events = session.receive(b"".join(map(encode_frame, contents)), 0)
@@ -62,7 +62,7 @@ def later(contents: list[bytes], count: int = RAWS) -> list[Record]:
 
 
 def params_record(records: bytes, t_ns: int) -> Record:
-    """What a daemon publishes when it learns of params."""
+    """The message that a daemon publishes when it learns of params."""
     values = {"type": "params", "probe": "left", "t_ns": t_ns, **payload_of(records)}
     return Record("left", "params", json.dumps(values).encode(), b"", 0, t_ns, t_ns)
 
@@ -194,7 +194,7 @@ def test_who_subscribes_late_asks_for_the_params_in_force(
             assert held.reached.wait(PATIENCE_S)
             client.wait_for("left", seconds=PATIENCE_S)
             reply = client.params("left")
-            with pytest.raises(CommandRefused, match="the replay of a log, which"):
+            with pytest.raises(CommandRefused, match="a replay of a log, which"):
                 client.params_history("left")
         finally:
             held.go_on.set()

@@ -128,7 +128,7 @@ def test_a_log_replayed_over_zenoh_is_what_was_published(tmp_path: Path) -> None
             subscriber = client.session.declare_subscriber(
                 key, lambda s: heard.append((str(s.key_expr), s.payload.to_bytes()))
             )
-            # Whoever subscribes is known to the router before it answers.
+            # The router registers a subscriber before it answers.
             client.statuses()
             what = replay.log_set([path])
             assert replay.to_network(what, player, None) == 0
@@ -154,7 +154,7 @@ def test_of_several_probes_one_is_chosen_for_a_link(
     assert cli.main(["replay", str(path), "--link", str(tmp_path / "x")]) == 1
     assert "choose one with --probe" in capsys.readouterr().err
     assert cli.main(["replay", str(path), "--probe", "up"]) == 1
-    assert "no probe up; there is left, right" in capsys.readouterr().err
+    assert "no probe up; available: left, right" in capsys.readouterr().err
 
 
 def test_a_log_of_another_schema_is_not_given_out_as_of_this_one(
@@ -164,7 +164,7 @@ def test_a_log_of_another_schema_is_not_given_out_as_of_this_one(
     path = write(tmp_path, records(3))
     monkeypatch.setattr(schema, "FINGERPRINT", schema.FINGERPRINT ^ 1)
     assert cli.main(["replay", str(path)]) == 1
-    assert "is of another schema than this imud" in capsys.readouterr().err
+    assert "has another schema than this imud" in capsys.readouterr().err
 
 
 def test_an_endpoint_without_a_network_is_one_line(

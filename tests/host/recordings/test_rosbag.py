@@ -32,7 +32,7 @@ LATER = b"".join(calibration_record(tag, [0] * 3, EYE, 500) for tag in (1, 2, 3)
 
 
 def made(name: str) -> list[Record]:
-    """What a daemon logs of a probe: params that change, an origin, a stroke."""
+    """A daemon's log of a probe: params that change, an origin, a stroke."""
     probe = FakeProbe()
     references = References()
     found = []
@@ -64,7 +64,7 @@ def made(name: str) -> list[Record]:
 
 
 def published(put: list[Record]) -> list[tuple[str, int, bytes]]:
-    """What the daemon's node says of them: topics, times of arrival, bytes."""
+    """The messages of the daemon's node: topics, times of arrival, bytes."""
     translators: dict[str, RosTranslator] = {}
     return [
         (topic.name, record.t_received_ns, data)
@@ -109,7 +109,7 @@ def test_a_bag_has_the_messages_of_the_daemons_node(
         assert make_reader(stream).get_header().profile == "ros2"
     # Nothing is overwritten.
     assert cli.main(["export", str(path), *ROS2, "--out", str(out)]) == 1
-    assert "is there already; name another folder" in capsys.readouterr().err
+    assert "already exists; choose another folder" in capsys.readouterr().err
 
 
 def test_a_damaged_log_becomes_a_bag_of_what_is_good(
@@ -126,7 +126,7 @@ def test_a_damaged_log_becomes_a_bag_of_what_is_good(
     none = tmp_path / "none.mcap"
     assert cli.main(["export", str(none), str(path), *ROS2]) == 1
     assert capsys.readouterr().err.splitlines() == [
-        f"{path}: 2 messages are no objects of imud's",
+        f"{path}: 2 messages are not imud's JSON objects",
         f"imud: can't read {none}: No such file or directory",
     ]
     with AnyReader([tmp_path / f"{path.stem}-rosbag2"]) as reader:
@@ -140,7 +140,7 @@ def test_a_log_without_probes_leaves_no_bag(
 ) -> None:
     path = write(tmp_path, [])
     assert cli.main(["export", str(path), *ROS2]) == 0
-    assert capsys.readouterr().out == f"{path} holds nothing for ROS 2\n"
+    assert capsys.readouterr().out == f"{path} has no messages for ROS 2\n"
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -151,6 +151,5 @@ def test_without_rosbags_a_bag_is_one_line(
     path = write(tmp_path, records(3))
     assert cli.main(["export", str(path), *ROS2]) == 1
     assert capsys.readouterr().err == (
-        "imud: bags are written by rosbags, which is not there; pip install "
-        "'imu-probe[rosbag2]'\n"
+        "imud: writing bags needs rosbags: pip install 'imu-probe[rosbag2]'\n"
     )

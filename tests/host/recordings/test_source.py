@@ -99,5 +99,5 @@ def test_a_capture_of_nothing_is_refused_on_one_line(
     file.write_bytes(bytes(1000))
     assert cli.main([command, str(file)]) == 1
     assert capsys.readouterr().err == (
-        f"imud: {file} is no log, and no capture with messages of a probe\n"
+        f"imud: {file} is neither a log nor a capture with messages of a probe\n"
     )

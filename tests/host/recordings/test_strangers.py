@@ -14,7 +14,7 @@ from imud.log.parts import seal
 from imud.log.reader import FRAME_ENCODING
 from log_files import records
 
-# Sets the title of a terminal, and clears it; and writes the line anew.
+# Sets the title of a terminal, and clears it; and overwrites the line.
 EVIL = "\x1b]0;title\x07\x1b[2Jp\r\n"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is in a log: as a summary, as tables."""
+"""The contents of a log: as a summary, as tables."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_info_tells_probes_times_rates_and_losses(
     assert "whole" in text
     path.write_bytes(path.read_bytes()[:-30])
     assert cli.main(["info", str(path)]) == 0
-    assert "cut off (imud recover saves what is good)" in capsys.readouterr().out
+    assert "truncated (imud recover saves the intact part)" in capsys.readouterr().out
 
 
 def test_csv_holds_each_value_once(
@@ -64,7 +64,7 @@ def test_csv_holds_each_value_once(
                 assert [float(row[f"q_{n}"]) for n in "wxyz"] == list(record["q"])
                 assert (row["position_x_m"], row["flags"]) == ("", "at_rest")
     assert cli.main(["export", str(path), "--to", "csv", "--out", str(out)]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
 
 
 def test_parquet_holds_the_same_with_types(tmp_path: Path) -> None:
