@@ -24,7 +24,7 @@ from imud.errors import BuildFailed
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# What each is made of, as patterns of paths relative to the project's folder.
+# The sources of each, as patterns of paths relative to the project's folder.
 CORE = ("CMakeLists.txt", "host/imud/native/*.[ch]", "firmware/core/**/*.[ch]")
 BOARD = (
     "platformio.ini",
@@ -85,8 +85,8 @@ def refresh_core() -> None:
     if digest(CORE) == _core.SOURCES:
         return
     if os.environ.get(_STARTED_AGAIN):
-        raise BuildFailed("imud._core is still of other sources; run `make setup`")
-    _say("imud._core was built of other sources than firmware/core has now")
+        raise BuildFailed("imud._core is out of date; run `make setup`")
+    _say("imud._core does not match the sources in firmware/core")
     _build([sys.executable, str(ROOT / "tools" / "setup.py"), "package"], "make setup")
     sys.stdout.flush()
     os.environ[_STARTED_AGAIN] = "1"
@@ -94,7 +94,7 @@ def refresh_core() -> None:
 
 
 def noted(patterns: Iterable[str], root: Path = ROOT) -> bytes:
-    """What an image's section SECTION holds."""
+    """The contents of an image's section SECTION."""
     return MARK + digest(patterns, root).encode()
 
 
@@ -139,12 +139,12 @@ def refresh_image(image: Path) -> None:
             fcntl.flock(lock, fcntl.LOCK_EX)
         if wanted in image.read_bytes():
             return  # by another process, meanwhile
-        _say(f"the image {name} was built of other sources than firmware has")
+        _say(f"the image {name} does not match the sources in firmware")
         _build([sys.executable, *command], by_hand)
 
 
 def _say(what: str) -> None:
-    sys.stderr.write(f"{what}: it is built again\n")
+    sys.stderr.write(f"{what}: rebuilding\n")
     sys.stderr.flush()
 
 
@@ -173,7 +173,7 @@ def _build(command: list[str], by_hand: str) -> None:
     )
     if done.returncode != 0:
         sys.stderr.write(done.stdout)
-        raise BuildFailed(f"it could not be built; once mended: {by_hand}")
+        raise BuildFailed(f"the build failed; once corrected, run: {by_hand}")
 
 
 if __name__ == "__main__":

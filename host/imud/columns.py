@@ -5,7 +5,7 @@ texts in their cells.
 
 from __future__ import annotations
 
-# What follows the axis in a name: acc_m_s2 becomes acc_x_m_s2.
+# Suffixes after the axis in a name: acc_m_s2 becomes acc_x_m_s2.
 UNITS = ("_m_s2", "_rad_s", "_uT", "_counts", "_m")
 
 

@@ -26,7 +26,7 @@ PARAMETERS_MAX = 8  # of one command from the page; no row has more arguments
 
 
 class Handler(Enum):
-    """Who in the daemon carries out a command."""
+    """The part of the daemon that executes a command."""
 
     PROBE = auto()  # the probe itself: sent to it as a command of the same name
     PARAMS = auto()
@@ -87,7 +87,7 @@ class ProbeCommand:
 
     @property
     def usage(self) -> str:
-        """What to tell who sent wrong arguments."""
+        """The error message for wrong arguments."""
         return f"{self.name} needs {self.needs}"
 
     def argument(self, name: str) -> Argument:
@@ -127,7 +127,7 @@ _ROWS = (
     ),
     ProbeCommand(
         "restart",
-        "restart a probe's calibration at rest, its filter and its origin",
+        "restart a probe's calibration at rest, filter and origin",
         (
             Argument(
                 "filter",
@@ -137,7 +137,7 @@ _ROWS = (
                 options=(
                     Option(
                         "filter",
-                        "filter to run from now on (default: the one that is running)",
+                        "filter to run from now on (default: the current one)",
                     ),
                 ),
             ),
@@ -149,7 +149,7 @@ _ROWS = (
                 options=(
                     Option(
                         "forget",
-                        "also forget the magnetic field of its own that the probe kept",
+                        "also delete the probe's stored own magnetic field",
                         "1",
                     ),
                 ),
@@ -177,13 +177,13 @@ _ROWS = (
         needs="streams=pose,raw or one of them",
         is_told=True,
     ),
-    ProbeCommand("hello", "make a probe say what it is"),
+    ProbeCommand("hello", "make a probe send its hello"),
     ProbeCommand("reset", "restart the processor of a probe", is_told=True),
-    ProbeCommand("time", "ask a probe for its time, as the daemon does by itself"),
-    ProbeCommand("params_tell", "make a probe tell its params"),
+    ProbeCommand("time", "ask a probe for its time, as the daemon does periodically"),
+    ProbeCommand("params_tell", "make a probe send its params"),
     ProbeCommand(
         "params",
-        "put params in force, all records or none",
+        "activate params, all records or none",
         (
             Argument("records", "hex"),
             Argument("probe", "text", limits="the id of the probe", is_optional=True),
@@ -195,7 +195,7 @@ _ROWS = (
     ),
     ProbeCommand(
         HISTORY,
-        "list the params that came into force, or give those of a digest",
+        "list all params that were active, or return those with a digest",
         (
             Argument("history", "choice", {"1": 1}, is_optional=True),
             Argument(
@@ -210,7 +210,7 @@ _ROWS = (
     ),
     ProbeCommand(
         "aim",
-        "set the orientation that a probe should be brought to, or none",
+        "set or clear the target orientation of a probe",
         (
             Argument("q", "numbers", limits="W,X,Y,Z: world_from_body"),
             Argument(
@@ -220,7 +220,10 @@ _ROWS = (
             Argument("hold_s", "number", unit="s", is_optional=True),
             Argument("target", "text", length_max=60, is_optional=True),
             Argument(
-                "capture", "text", limits="as `capture` named it", is_optional=True
+                "capture",
+                "text",
+                limits="the name given to `capture`",
+                is_optional=True,
             ),
             Argument("off", "choice", {"1": 1}, limits="alone", is_optional=True),
         ),
@@ -235,19 +238,19 @@ _ROWS = (
     ),
     ProbeCommand(
         "mark",
-        "put a value or a note into the log, with where the tip is at that moment",
+        "put a value or a note into the log, with the tip's current position",
         (
             Argument("value", "number", is_optional=True),
             Argument("text", "text", length_max=200, is_optional=True),
         ),
-        needs="value=NUMBER or text=WORDS of at most 200 characters, or both",
+        needs="value=NUMBER or text=TEXT of at most 200 characters, or both",
         handler=Handler.MARK,
     ),
     ProbeCommand("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
     ProbeCommand(
         "configure",
-        "rename a probe for good, or start or stop its log until the daemon reads its "
-        "configuration again",
+        "rename a probe permanently, or start or stop its log until the daemon "
+        "reloads its configuration",
         (
             Argument("rename", "text", is_optional=True),
             Argument("log", "choice", {"on": 1, "off": 0}, is_optional=True),
@@ -258,7 +261,8 @@ _ROWS = (
     ),
     ProbeCommand(
         "lend",
-        "close a probe's port for another program of this machine, for so long",
+        "close a probe's port for that many seconds, for another program on this "
+        "machine",
         (
             Argument(
                 "seconds",
@@ -275,5 +279,5 @@ _ROWS = (
 COMMANDS: Mapping[str, ProbeCommand] = {each.name: each for each in _ROWS}
 
 # The other commands of the wire. One word or one step of a change of params: alone they
-# only make that of somebody else fail.
+# only make another client's change fail.
 PARAMS_STEPS = frozenset({"params_write", "params_apply"})

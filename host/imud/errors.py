@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What a caller of imud may have to act on. Noise on the wire is counted, not raised.
+"""Errors that a caller of imud may have to handle. Noise on the wire is counted, not
+raised.
 
 ImudError
 ├── ConfigError         a configuration file or an argument that makes no sense
@@ -19,7 +20,7 @@ ImudError
 │   ├── NotAllowed      keys that don't let their user do that
 │   └── DaemonNotFound
 ├── FileError           a capture or a log that can't be read or written
-└── BuildFailed         a checkout's own C or images, which had to be built again
+└── BuildFailed         C or images of a checkout, which had to be rebuilt
 
 Each message says what was being done, to what, and what to do next, on one line.
 """

@@ -20,8 +20,8 @@ SIZE_MAX = 1_000_000
 
 
 def read(path: Path, kind: type[Kept], cure: str, missing: Kept | None = None) -> Kept:
-    """What a file holds; `missing` if there is none. FileError if it can't be read, or
-    is none of ours: `cure` says what to do then.
+    """The contents of a file; `missing` if there is none. FileError if it can't be
+    read, or is none of ours: `cure` is the remedy in its message.
     """
     try:
         with path.open("rb") as file:

@@ -57,7 +57,7 @@ class Progress:
         self._file.flush()
 
     def end(self) -> None:
-        """Removes the bar for good."""
+        """Removes the bar permanently."""
         with self._lock:
             self._wipe()
             self._is_shown = False

@@ -34,7 +34,7 @@ def listen(
     throttle: Throttle | None = None,
 ) -> Listening:
     """A socket that listens on that host and port; port 0: the system chooses one.
-    ListenFailed says what can't be served there, and which setting to change.
+    ListenFailed names the service, and the setting to change.
     """
     host, port = address
     try:
@@ -45,7 +45,7 @@ def listen(
         number = getattr(error, "errno", None) or 0
         reason = os.strerror(number) if number > 0 else "not an address"
         raise ListenFailed(
-            f"can't serve {what} on {host}:{port}: {reason}; name another address "
+            f"can't serve {what} on {host}:{port}: {reason}; choose another address "
             f"with {setting}"
         ) from error
     listening = Listening(fileno=made.detach())
@@ -65,7 +65,7 @@ class Faults:
         self._lock = threading.Lock()
 
     def handle(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Of a loop that is no daemon's: its exception handler."""
+        """Exception handler for a loop outside the daemon."""
         del loop
         fault = context.get("exception")
         self.tell(fault if isinstance(fault, Exception) else context["message"])

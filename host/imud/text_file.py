@@ -20,10 +20,13 @@ def read_text(path: Path, kind: type[ImudError] = FileError) -> str:
             data = file.read(BYTES_MAX + 1)
         if len(data) > BYTES_MAX:
             raise kind(
-                f"{path} is longer than {BYTES_MAX // 1024} kB: is it the right file?"
+                f"{path} is longer than {BYTES_MAX // 1024} kB; check that it is the "
+                "right file"
             )
         return data.decode("utf-8")
     except OSError as error:
         raise kind(f"can't read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise kind(f"{path} is no text: byte {error.start} is not UTF-8") from error
+        raise kind(
+            f"{path} is not a text file: byte {error.start} is not UTF-8"
+        ) from error

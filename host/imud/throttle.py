@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How many connections a second a server takes. Whoever asks more often is refused
+"""Limits the connections per second of a server. A client that exceeds it is refused
 before anything is read: a flood then costs little, and the probes nothing.
 """
 
@@ -21,7 +21,7 @@ Known = TypeVar("Known")
 
 ADDRESSES_MAX = 4096
 
-# All addresses together may have so many times what one may.
+# Limit of all addresses together, as a multiple of that of one.
 ALL = 4
 
 # Taken or refused in a row, before what else the loop has to do: it would take all that
@@ -34,7 +34,7 @@ _NO_LINGER = struct.pack("ii", 1, 0)
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """So many connections at once, then so many a second."""
+    """`at_once` connections, then `a_second` per second."""
 
     at_once: int
     a_second: float
@@ -62,10 +62,10 @@ class Bucket:
 
 
 class ByNetwork(Generic[Known]):
-    """What is known of whoever connects, by network; of the last ADDRESSES_MAX."""
+    """The state of clients, by network; of the last ADDRESSES_MAX."""
 
     def __init__(self, make: Callable[[], Known]) -> None:
-        """`make`: what is known of somebody new."""
+        """`make`: creates the state of a new client."""
         self._make = make
         self._known: OrderedDict[str, Known] = OrderedDict()
 

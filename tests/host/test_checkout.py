@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What was built in a checkout is compared with the sources that are there."""
+"""Files built in a checkout are compared with its sources."""
 
 from __future__ import annotations
 
@@ -89,8 +89,7 @@ def test_a_core_of_other_sources_is_built_and_the_program_starts_again(
     assert (python, Path(script).name, what) == (sys.executable, "setup.py", "package")
     assert machine.started == [sys.executable, "-m", "imud", "list"]
     assert capsys.readouterr().err == (
-        "imud._core was built of other sources than firmware/core has now: it is built "
-        "again\n"
+        "imud._core does not match the sources in firmware/core: rebuilding\n"
     )
     with pytest.raises(BuildFailed, match="make setup"):  # that did not help
         checkout.refresh_core()
@@ -140,7 +139,7 @@ def test_an_image_of_other_sources_is_built_again(
     checkout.refresh_image(image)
     (ran,) = machine.ran
     assert ran[-len(command) :] == command
-    assert capsys.readouterr().err.endswith(": it is built again\n")
+    assert capsys.readouterr().err.endswith(": rebuilding\n")
     patterns = checkout.MICROPYTHON if command == ["pyboard"] else checkout.BOARD
     image.write_bytes(b"\x7fELF" + checkout.noted(patterns, tmp_path))
     checkout.refresh_image(image)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Who connects too often is refused before anything is read; others are not."""
+"""A client that connects too often is refused before anything is read; others are
+not."""
 
 from __future__ import annotations
 
@@ -58,7 +59,7 @@ def test_all_addresses_together_are_bounded_and_few_are_kept(
 
 
 def burst(port: int, tries: int) -> int:
-    """How many of so many connections got an answer to a request."""
+    """How many of `tries` connections got an answer to a request."""
     answered = 0
     for _ in range(tries):
         with (

@@ -52,6 +52,8 @@ def capture(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any]:
         raise CommandRefused("capture takes no arguments")
     name = entry.probe.references.capture()
     if not entry.pose:
-        raise CommandRefused(f"probe {entry.name} has sent no pose; imud start")
+        raise CommandRefused(
+            f"probe {entry.name} has sent no pose; start it with imud start"
+        )
     keys = "q", "t_device_us", "t_ns"
     return {key: entry.pose[key] for key in keys} | {"capture": name}

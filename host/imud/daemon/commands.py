@@ -61,7 +61,7 @@ def _integer(text: str) -> int:
 
 
 def _number_of(argument: Argument, parameters: Mapping[str, str]) -> int:
-    """What the probe gets for an argument; KeyError or ValueError if it is wrong."""
+    """The value of an argument for the probe; KeyError or ValueError if it is wrong."""
     if argument.is_optional and argument.name not in parameters:
         return 0
     text = parameters[argument.name]
@@ -77,7 +77,7 @@ def refuse_unknown(name: str, parameters: Mapping[str, str]) -> None:
     """CommandRefused if the command has no such argument."""
     unknown = parameters.keys() - COMMANDS[name].argument_names
     if unknown:
-        raise CommandRefused(f"{name} knows no {shown(min(unknown))}")
+        raise CommandRefused(f"{name} has no parameter {shown(min(unknown))}")
 
 
 def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
@@ -164,8 +164,8 @@ class Commander:
         result = message.fields["result"]
         if result == "bad_argument" and "filter" in parameters:
             raise CommandRefused(
-                f"probe {name} has no filter {parameters['filter']}: its firmware was "
-                f"built without it and runs {plain(entry.probe.hello['filter'])}"
+                f"probe {name} has no filter {parameters['filter']}: its firmware "
+                f"does not include it and runs {plain(entry.probe.hello['filter'])}"
             )
         if result != "ok":
             raise CommandRefused(
@@ -178,8 +178,8 @@ class Commander:
         entry = self.heard(name)
         if entry.other is not None:
             raise VersionMismatch(
-                f"probe {name} speaks another schema (firmware "
-                f"{entry.other.firmware}); update it with imud flash, or update imud"
+                f"probe {name} has another schema (firmware {entry.other.firmware}); "
+                "update it with imud flash, or update imud"
             )
         return entry
 
@@ -187,7 +187,7 @@ class Commander:
         """The probe of that name, whatever it speaks; ProbeUnknown if there is none."""
         entry = self._registry.named(name)
         if entry is None:
-            raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
+            raise ProbeUnknown(f"no probe {name}; imud list shows the probes")
         return entry
 
     async def ask(
@@ -264,7 +264,9 @@ class Commander:
         try:
             for _ in range(TRIES):
                 if entry.port is None:
-                    raise ProbeUnknown(f"probe {entry.name} is gone; plug it in")
+                    raise ProbeUnknown(
+                        f"probe {entry.name} is disconnected; plug it in"
+                    )
                 try:
                     self._send(entry.port, command, token, arguments)
                 except PortLost as error:
@@ -277,8 +279,8 @@ class Commander:
         finally:
             del self._replies[token]
         raise NoReply(
-            f"probe {entry.name} did not answer {command}, {TRIES} times; "
-            "is it alive? imud list"
+            f"probe {entry.name} did not answer {command}, {TRIES} times; check with "
+            "imud list"
         )
 
     def _send(

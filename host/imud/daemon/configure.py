@@ -29,11 +29,11 @@ def configured(config: Config, probe_id: str, parameters: Mapping[str, str]) -> 
         if parameters["log"] not in LOG:
             raise CommandRefused(CONFIGURE.usage)
         if not config.log.enabled:
-            raise CommandRefused("the daemon keeps no log: [log] enabled, or --log DIR")
+            raise CommandRefused(
+                "the daemon writes no log: enable it with [log] enabled or --log DIR"
+            )
         settings = replace(settings, log=bool(LOG[parameters["log"]]))
     found = config.with_probe(probe_id, settings)
     for mistake in contradictions(found):
-        raise CommandRefused(
-            f"the probe can't be configured so: its name {mistake.words}"
-        )
+        raise CommandRefused(f"this configuration is invalid: its name {mistake.words}")
     return found

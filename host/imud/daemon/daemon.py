@@ -110,7 +110,8 @@ class Daemon:
             serving.append(asyncio.create_task(self._watch()))
             serving.append(asyncio.create_task(self._commander.keep_time()))
             stopping = asyncio.create_task(stop.wait())
-            # None of these tasks ends by itself: one that does has a fault to show.
+            # None of these tasks should end: one that does has failed, and its error is
+            # shown.
             await asyncio.wait(
                 [stopping, *serving], return_when=asyncio.FIRST_COMPLETED
             )
@@ -180,7 +181,9 @@ class Daemon:
         try:
             self._of_file = self._load()
         except ImudError as error:
-            logger.warning("reload failed, the running configuration stays: %s", error)
+            logger.warning(
+                "reload failed, the current configuration stays active: %s", error
+            )
         else:
             self._apply(before, names.with_names(self._of_file))
         self._notifier.ready()
@@ -224,7 +227,7 @@ class Daemon:
             for _ in self._reports.tick(elapsed_s):
                 await asyncio.sleep(0)
             for entry in self._intake.params.due(loop.time()):
-                failure = "it does not tell its params"
+                failure = "it does not send its params"
                 order = SendCommands((("params_tell", {}),), failure)
                 self._begin_commands(entry.name, order)
             self._notifier.alive()
@@ -307,13 +310,13 @@ class Daemon:
         return f"{probes}, {rate_hz:.0f} poses a second"
 
     def _greeting(self) -> str:
-        log = "keeps no log"
+        log = "writes no log"
         if self._outputs.is_logging:
             log = f"logs to {self._outputs.log_path or self._config.log.dir}"
         ports = self._config.ports
         named = f"reads {', '.join(ports.named)}" if ports.named else ""
-        finds = "finds probes by itself" if ports.find else ""
-        takes = f"takes datagrams on {ports.udp}" if ports.udp else ""
+        finds = "detects probes" if ports.find else ""
+        takes = f"accepts datagrams on {ports.udp}" if ports.udp else ""
         reads = " and ".join(filter(None, (named, finds, takes)))
         network = self._config.zenoh
         listen = listens_on(network)
@@ -329,7 +332,8 @@ class Daemon:
 
 
 def run(load: Callable[[], Config]) -> int:
-    """Runs until SIGTERM or SIGINT; `load` says what to do, again at each SIGHUP."""
+    """Runs until SIGTERM or SIGINT; `load` reads the configuration, again at each
+    SIGHUP."""
     config = load()
     system.raise_files_limit()
     sys.setswitchinterval(SWITCH_S)

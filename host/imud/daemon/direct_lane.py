@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """A lane whose sink takes records in the caller's thread where it can.
 
-With each record, another thread would wait for the interpreter: it could hand over two
-thousand a second while the loop is busy. So it gets only what takes time.
+Another thread would contend for the GIL with each record: it could hand over two
+thousand per second while the loop is busy. So it gets only slow work.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Holder(Enum):
     Where the records are for the thread, the caller leaves FREE behind and takes none.
     """
 
-    FREE = auto()  # whoever comes first
+    FREE = auto()  # either may take it
     THREAD = auto()  # it has records in hand
     THREAD_THEN_CALLER = auto()  # the same, and the caller waits for the queue
     CALLER_NEXT = auto()  # the thread leaves the records to a caller who is to come

@@ -23,7 +23,7 @@ class HostClock:
         self._registry = registry
         self._publisher = publisher
         self._lines = lines
-        # Of several readings the one with the least between both.
+        # Use the reading with the least time between both clocks.
         self.timeline = Timeline(max(time.time_ns() - host_ns() for _ in range(5)))
 
         self.sync = Sync("")
@@ -42,7 +42,7 @@ class HostClock:
         return self.timeline.utc(host_ns())
 
     def follow(self) -> None:
-        """Looks whether the host's clock was set. To be called before what came is
+        """Checks whether the host's clock was set. To be called before messages are
         dated.
         """
         before_ns, utc_ns = host_ns(), time.time_ns()

@@ -15,8 +15,8 @@ import msgspec
 STA_UNSYNC = 0x0040  # of `status`, linux/timex.h
 TIME_ERROR = 5  # the return value of a clock that is not synchronised
 
-# The kernel's bound grows from the last correction on; it says so many us when nobody
-# has corrected the clock for long.
+# The kernel's bound grows from the last correction on; it is this many us if the clock
+# was not corrected for a long time.
 MAXERROR_US = 16_000_000
 
 
@@ -29,7 +29,7 @@ class Sync(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, host: str, state: int, status: int, maxerror_us: int) -> Sync:
-        """What adjtimex(2) returned."""
+        """The state of synchronisation, from the result of adjtimex(2)."""
         is_wrong = state == TIME_ERROR or bool(status & STA_UNSYNC)
         if is_wrong or maxerror_us >= MAXERROR_US:
             return cls(host, is_synchronised=False)

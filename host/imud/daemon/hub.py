@@ -11,8 +11,8 @@ from imud.daemon.direct_lane import DirectLane, DirectSink
 from imud.daemon.lane import Item, Lane, Sink
 from imud.probes.balance import SinkCounts
 
-# Records in a turn of the loop from which all wait for its end: a thread that is woken
-# in the middle of many only waits for the interpreter.
+# Batch the records of a turn of the loop from this size: a thread woken in the middle
+# of many would only contend for the GIL.
 FEW = 4
 
 logger = logging.getLogger("imud")
@@ -100,7 +100,7 @@ class Hub:
                 lane.put(*items)
 
     def counts(self, probe: str) -> dict[str, SinkCounts]:
-        """What became of the records of a probe, by sink."""
+        """The outcome of a probe's records, by sink."""
         self.hand_over()
         return {lane.sink.name: lane.counts(probe) for lane in self._lanes}
 

@@ -15,16 +15,16 @@ from imud.config.settings import Config
 from imud.errors import ConfigError, FileError
 from imud.ports import udev
 
-# What useradd(8) takes.
+# User names that useradd(8) accepts.
 _USER = re.compile(r"[a-z_][a-z0-9_-]{0,30}")
 
 UNIT = """\
 # The pose of imu-probes as a network service.
 [Unit]
 Description=imud, the daemon of imu-probes
-# Time stamps are UTC: where something sets it at the start, after that.
+# Time stamps are UTC: start after the clock has been set, where that is done.
 After=network.target time-sync.target
-# A probe may be plugged in at any time; so may what imud needs come back.
+# A probe may be plugged in at any time, and what imud needs may return as late.
 StartLimitIntervalSec=0
 
 [Service]
@@ -33,17 +33,17 @@ ExecStart={program} run --config /etc/imud.toml
 ExecReload=/bin/sh -c "kill -HUP $MAINPID"
 Restart=on-failure
 RestartSec=2
-# Words or settings that can't be: `systemctl status imud` says what to mend.
+# Invalid arguments or settings: `systemctl status imud` shows what to correct.
 RestartPreventExitStatus=2 78
-# The loop says each second that it lives.
+# The loop notifies systemd every second.
 WatchdogSec=10
 TimeoutStopSec=5
-# Each connection is a file; 1,024 are few for a port that strangers reach.
+# Each connection is a file; 1,024 are few for a port open to strangers.
 LimitNOFILE=65536
 
 User={user}
 Group={user}
-# Who may open serial ports on Debian and its kin.
+# The group that may open serial ports on Debian and its derivatives.
 SupplementaryGroups=dialout
 StateDirectory=imud
 StateDirectoryMode=0750
@@ -59,7 +59,7 @@ DeviceAllow=char-ttyS rw
 DeviceAllow=char-rfcomm rw
 DeviceAllow=char-pts rw
 
-# Nothing of the machine but its own folder can be written.
+# It can write only its own folder.
 ProtectSystem=strict
 ProtectHome={home}
 PrivateTmp={private_tmp}
@@ -84,7 +84,7 @@ RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
 SystemCallArchitectures=native
 SystemCallFilter=@system-service
 SystemCallFilter=~@privileged @resources
-# A library that asks for more is told no, and not killed.
+# A library that asks for more gets an error and is not killed.
 SystemCallErrorNumber=EPERM
 
 [Install]
@@ -95,34 +95,34 @@ HOMES = ("/home", "/root", "/run/user")
 TEMPORARY = ("/tmp", "/var/tmp")  # noqa: S108 - nothing is written there
 
 USERS = """\
-# Who imud runs as.
+# The user that imud runs as.
 u {user} - "imud, the daemon of imu-probes" /var/lib/imud
 m {user} dialout
 """
 
 NEXT = """\
-to have it run, now and from each start of the machine on:
+to start it now and at every boot:
   systemd-sysusers && systemctl daemon-reload
   udevadm control --reload && udevadm trigger --subsystem-match=tty
   systemctl enable --now imud
-then, of the port that a probe is on:
+then adopt the port of a probe:
   imud ports; imud ports adopt /dev/ttyUSB0
 """
 
 
 REMOVED = """\
-to end it now, and to remove its user and its data (logs, params):
+to stop it now, and to remove its user and its data (logs, params):
   systemctl disable --now imud; systemctl daemon-reload; udevadm control --reload
   userdel imud; rm -r /var/lib/imud
 """
 
 SETTINGS = "etc/imud.toml"
-# Of logs: two weeks of one probe, and room on a card of 32 GB.
+# Size of logs: two weeks of one probe, which fits a card of 32 GB.
 SERVICE_KEEP_MB = 16_000
 
 
 def files(user: str, program: Path) -> dict[str, str]:
-    """What is written, by its place."""
+    """The files to be written, by path."""
     home = "read-only" if _is_below(program, HOMES) else "yes"
     private_tmp = "no" if _is_below(program, TEMPORARY) else "yes"
     unit = UNIT.format(
@@ -148,7 +148,7 @@ def remove(prefix: Path) -> int:
         if not path.exists():
             continue
         if place == SETTINGS:
-            sys.stdout.write(f"{path}: yours, stays; rm {path} if you want it gone\n")
+            sys.stdout.write(f"{path}: your settings, kept; rm {path} to remove them\n")
             continue
         try:
             path.unlink()
@@ -163,7 +163,7 @@ def remove(prefix: Path) -> int:
 
 def run(prefix: Path, user: str, *, is_shown: bool) -> int:
     if not _USER.fullmatch(user):
-        raise ConfigError(f"{user!r} can't be a user's name; try --user imud")
+        raise ConfigError(f"{user!r} is not a valid user name; try --user imud")
     written = files(user, _program())
     if is_shown:
         for place, text in written.items():
@@ -173,15 +173,15 @@ def run(prefix: Path, user: str, *, is_shown: bool) -> int:
         path = prefix / place
         # Settings are the user's own, once there are any.
         if place == SETTINGS and path.exists():
-            sys.stdout.write(f"{path}: is there and stays as it is\n")
+            sys.stdout.write(f"{path}: already exists, unchanged\n")
             continue
         write(path, text)
         sys.stdout.write(f"{path}: written\n")
     sys.stdout.write(NEXT)
     if _is_below(_program(), TEMPORARY):
         sys.stderr.write(
-            f"imud: {_program()} is gone after the next start of the machine: install "
-            "imud elsewhere, and run this again there\n"
+            f"imud: {_program()} will not exist after the next reboot: install imud "
+            "elsewhere, and run this again there\n"
         )
     return 0
 
@@ -196,8 +196,8 @@ def write(path: Path, text: str) -> None:
         beside.replace(path)
     except OSError as error:
         raise FileError(
-            f"can't write {path}: {error.strerror}; run it with sudo, or name another "
-            "place with --prefix DIR"
+            f"can't write {path}: {error.strerror}; run it with sudo, or choose "
+            "another folder with --prefix DIR"
         ) from error
 
 

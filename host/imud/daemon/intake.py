@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What ports hear: good messages go to the hub and to the stages, losses and faults to
-the journal.
+"""Events from all ports: good messages go to the hub and to the stages, losses and
+faults to the journal.
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ class Intake:
         closing = entry.closer.closing()
         if closing is None:
             raise CommandRefused(
-                "there is no path to close: its origin is not known, or its last "
-                "stroke has no length; set an origin first"
+                "there is no path to close: its origin is unknown, or its last stroke "
+                "has no length; set an origin first"
             )
         self._publisher.say_closing(entry, closing, "command", self._clock.now_ns())
         return closing

@@ -31,17 +31,18 @@ RETRY_S = 2.0
 # same address. Records of that time wait in its queue.
 SUCCEED_S = 10.0
 
-# A sink with a period takes many records at a time. After so many it releases the
-# interpreter, for which the loop would otherwise wait for milliseconds. Each time costs
-# changes of threads. One whose `is_quick` is true only keeps what it takes, and needs
-# no pauses.
+# A sink with a period handles many records at a time. After this many it releases the
+# GIL, for which the loop would otherwise wait for milliseconds. Each time costs changes
+# of threads. One whose `is_quick` is true only keeps what it takes, and needs no
+# pauses.
 PAUSE_EVERY, PAUSE_S = 128, 0.0001
 
 logger = logging.getLogger("imud")
 
 
 class Sink(Protocol):
-    """What a lane needs. All but the first open() runs in the thread of the lane."""
+    """The interface of a sink for its lane. All but the first open() runs in the thread
+    of the lane."""
 
     name: str
     period_s: float  # 0: wakes for each record; else wakes and flushes this often
@@ -72,7 +73,7 @@ class Lane:
         # The lane that this one replaces, until that is closed; old and new names.
         self._before: Lane | None = None
         self._names: Mapping[str, str] = {}
-        # A daemon thread: if it hangs in a library, the process can end all the same.
+        # A daemon thread: if it hangs in a library, the process can still end.
         self._thread = threading.Thread(
             target=self._run, name=f"imud-{sink.name}", daemon=True
         )
@@ -180,7 +181,7 @@ class Lane:
 
     def _succeed(self, before: Lane) -> None:
         if not before.close(SUCCEED_S):
-            # Its counts may still change, so they are read anew each time.
+            # Its counts may still change, so they are read again each time.
             logger.warning("%s did not finish in time", before.sink.name)
             return
         with self._wake:
@@ -216,7 +217,7 @@ class Lane:
                 return
 
     def _next(self) -> deque[Item]:
-        """What the thread takes next from the queue."""
+        """The next items of the queue for the thread."""
         items, self._queue = self._queue, deque()
         return items
 
@@ -275,7 +276,7 @@ class Lane:
             is_reported = bool(self._trouble)
             self._trouble = str(error) or type(error).__name__
             if not is_reported:
-                logger.warning("%s fails and is tried again: %s", self.sink.name, error)
+                logger.warning("%s failed, retrying: %s", self.sink.name, error)
             self._broken_until = time.monotonic() + RETRY_S
             return False
         return True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What became of the records of one sink."""
+"""The outcome of the records of one sink."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from imud.probes.withheld import withheld_of
 from imud.stages import LogLine, Stage
 from imud.wire.messages import Message
 
-LOSSES = ("lost", "corrupt", "duplicated", "dropped by a slow or failing sink")
+LOSSES = ("lost", "corrupt", "duplicated", "dropped by a slow or failed sink")
 
 logger = logging.getLogger("imud")
 
@@ -39,15 +39,16 @@ class ProbeLines:
         )
 
     def described(self, entry: ProbeEntry, hello: Message) -> None:
-        """Says what a hello says about the probe, if it differs from the last one."""
+        """Reports the description of the probe in a hello, if it differs from the last
+        one."""
         if who(hello) != entry.described:
             entry.described = who(hello)
             text = f"probe {entry.name} is {entry.described}"
             self._speaker.say(("who", entry.name), text)
 
     def calibration(self, entry: ProbeEntry, advice: str | None) -> None:
-        """Says what its calibration needs, when that changes. None: its params are not
-        known.
+        """Reports what its calibration needs, when that changes. None: its params are
+        not known.
         """
         if advice is None or advice == entry.advised:
             return
@@ -64,7 +65,7 @@ class ProbeLines:
             self._speaker.say(("withheld", entry.name), f"probe {entry.name}: {words}")
 
     def sensors(self, entry: ProbeEntry, findings: list[SensorFinding]) -> None:
-        """Says what is wrong with its sensors, once a boot."""
+        """Reports problems of its sensors, once a boot."""
         boot = entry.probe.account.boots
         reported = entry.reported_findings if entry.reported_boot == boot else []
         for finding in findings:
@@ -111,7 +112,7 @@ class ProbeLines:
         )
 
     def losses(self, entry: ProbeEntry, counts: tuple[int, int, int, int]) -> None:
-        """What was lost since the last such line. `counts` are totals, one for each of
+        """Reports losses since the last such line. `counts` are totals, one for each of
         LOSSES.
         """
         fresh = [
@@ -127,24 +128,24 @@ class ProbeLines:
     def twice(self, entry: ProbeEntry, holder: ProbePort, port: ProbePort) -> None:
         self._speaker.say(
             ("twice", entry.probe.probe_id),
-            f"probe {entry.name} is on {holder.name} and also on {port.name}, which is "
-            "ignored; do two probes have the same id?",
+            f"probe {entry.name} is on {holder.name} and also on {port.name}, which "
+            "is ignored; two probes may have the same id",
             is_warning=True,
         )
 
     def no_room(self, probe_id: str) -> None:
         self._speaker.say(
             "full",
-            f"{PROBES_MAX} probes were heard, so probe {probe_id} is ignored; if a "
-            "device makes up ids, unplug it and start imud run again",
+            f"{PROBES_MAX} probes are the limit, so probe {probe_id} is ignored; if "
+            "a device sends invented ids, unplug it and restart imud run",
             is_warning=True,
         )
 
     def clock_set(self, step_ns: int, *, is_anew: bool) -> None:
         """`is_anew`: by so far back that a new timeline begins."""
-        follow = ", time stamps follow slowly" if step_ns < 0 else ""
+        follow = "; time stamps follow gradually" if step_ns < 0 else ""
         if is_anew:
-            follow = ": time stamps jump back with it, and a new log begins"
+            follow = "; time stamps jump back with it, and a new log starts"
         self._speaker.say(
             "host clock",
             f"this machine's clock was set by {step_ns / 1e9:+.3f} s{follow}",

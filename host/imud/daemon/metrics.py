@@ -55,8 +55,8 @@ Labels = tuple[tuple[str, str], ...]
 
 
 class DaemonCounts(msgspec.Struct, frozen=True):
-    """What is counted beside probes: failures by sink, refused clients and messages by
-    server and reason, and faults of imud's own.
+    """Counters beside those of probes: failures by sink, refused clients and messages
+    by server and reason, and faults of imud's own.
     """
 
     failures: Mapping[str, int] = {}

@@ -26,16 +26,16 @@ APPLY_S = 20.0
 VERIFY_S = 5.0
 CHANGE_S = 60.0  # for all of it
 
-GOES_ON = 256  # of params_apply, beside the length: the filter need not begin anew
+GOES_ON = 256  # of params_apply, added to the length: the filter may continue
 
 # Uploads of a set: what another host wrote in between damages it.
 UPLOADS = 3
 
-FAULTS = {1: "has the wrong length", 2: "is out of range", 3: "is there twice"}
+FAULTS = {1: "has the wrong length", 2: "is out of range", 3: "is given twice"}
 
 
 class _Restarted(Exception):
-    """The probe restarted in the midst of it."""
+    """The probe restarted during the change."""
 
 
 class ParamsChange:
@@ -56,15 +56,15 @@ class ParamsChange:
         is_forced = parameters.get("force", "") == "1"
         if meant and meant != probe_id and not is_forced:
             raise CommandRefused(
-                f"these params are of probe {shown(meant)}, and {name} is {probe_id}; "
-                "--force takes them all the same"
+                f"these params are from probe {shown(meant)}, but {name} is "
+                f"{probe_id}; load them anyway with --force"
             )
         params.check()
         before = entry.probe.hello.get("params_digest")
         if entry in self._busy:
             raise CommandRefused(
-                f"the params of probe {name} are being changed by somebody else; try "
-                "again when that is done"
+                f"another client is changing the params of probe {name}; try again "
+                "when it is done"
             )
         is_changed = params.digest != before
         if is_changed:
@@ -74,8 +74,8 @@ class ParamsChange:
                     await self._change(entry, params)
             except TimeoutError:
                 raise DeviceError(
-                    f"probe {name} did not take the params in {CHANGE_S:g} s; its "
-                    "params are those before, or all new"
+                    f"probe {name} did not accept the params within {CHANGE_S:g} s; "
+                    "the old or the new set is active, never a mix"
                 ) from None
             finally:
                 self._busy.discard(entry)
@@ -87,18 +87,22 @@ class ParamsChange:
 
     async def _change(self, entry: ProbeEntry, params: Params) -> None:
         boots = entry.probe.account.boots
-        flag = GOES_ON if goes_on(entry.probe.params, params.encode()) else 0
+        flag = (
+            GOES_ON if goes_on(entry.probe.params, params.encode()) else 0
+        )
         try:
             await self._bring(entry, params, boots, flag)
         except _Restarted:
             if entry.probe.hello.get("params_digest") != params.digest:
                 raise DeviceError(
-                    f"probe {entry.name} restarted while its params were changed: "
-                    "those before hold; try again"
+                    f"probe {entry.name} restarted while its params were changed: the "
+                    "previous params stay active; try again"
                 ) from None
         except NoReply as error:
-            raise NoReply(f"{error}; its params are those before, or all new") from None
-        # What was sent is what is in force: its parts need not be heard.
+            raise NoReply(
+                f"{error}; the old or the new set is active, never a mix"
+            ) from None
+        # The sent params are active: their parts need not be received.
         entry.probe.params_parts.add_whole(params.encode())
 
     async def _bring(
@@ -114,7 +118,7 @@ class ParamsChange:
                 entry, boots, "params_apply", (len(records) + flag, signed), APPLY_S
             )
             if result == "bad_argument" and flag:
-                # Firmware before the flag: its filter begins anew.
+                # Firmware without the flag: its filter restarts.
                 flag = 0
                 result, value = await self._ask(
                     entry, boots, "params_apply", (len(records), signed), APPLY_S
@@ -124,15 +128,16 @@ class ParamsChange:
                 what = KINDS[tag].name if tag in KINDS else f"record {tag}"
                 raise CommandRefused(
                     f"probe {entry.name} refused the params: {what} "
-                    f"{FAULTS.get(fault, 'can not be')}; those before hold"
+                    f"{FAULTS.get(fault, 'are invalid')}; the previous params stay "
+                    "active"
                 )
             if result != "damaged":
                 _expect_taken(entry, result, len(records))
                 await self._verify(entry, boots, digest)
                 return
         raise CommandRefused(
-            f"the params arrived damaged at probe {entry.name}, {UPLOADS} times; those "
-            "before hold; does another host change them, too?"
+            f"the params arrived damaged at probe {entry.name}, {UPLOADS} times; the "
+            "previous params stay active; another host may be changing them as well"
         )
 
     async def _ask(
@@ -157,8 +162,8 @@ class ParamsChange:
                 break
             if loop.time() > until_s:
                 raise DeviceError(
-                    f"probe {entry.name} was busy for {patience_s:g} s; its params are "
-                    "those before, or all new"
+                    f"probe {entry.name} was busy for {patience_s:g} s; the old or "
+                    "the new set is active, never a mix"
                 )
             await asyncio.sleep(POLL_S)
         value = message.fields["value"]
@@ -175,8 +180,9 @@ class ParamsChange:
                 return
             if loop.time() > until_s:
                 raise DeviceError(
-                    f"probe {entry.name} took the params, but its hello tells others; "
-                    f"imud params {entry.name} show tells what holds"
+                    f"probe {entry.name} accepted the params, but its hello reports "
+                    f"different ones; imud params show {entry.name} shows the active "
+                    "ones"
                 )
             await asyncio.sleep(POLL_S)
 
@@ -203,11 +209,12 @@ def _expect_taken(entry: ProbeEntry, result: str, size: int) -> None:
     if result == "ok":
         return
     if result == "failed":
-        why = "its memory does not keep what is written"
+        why = "its memory does not store what is written"
     elif result == "bad_argument":
         why = f"it has no room for {size} bytes"
     else:
         why = result.replace("_", " ")
     raise CommandRefused(
-        f"probe {entry.name} did not take the params: {why}; those before hold"
+        f"probe {entry.name} did not accept the params: {why}; the previous params "
+        "stay active"
     )

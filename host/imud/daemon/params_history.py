@@ -88,8 +88,8 @@ class HistoryFiles:
         except OSError as error:
             if not self._is_failing:
                 logger.warning(
-                    "history of params: can't write to %s: %s; nothing else is "
-                    "affected",
+                    "history of params: can't write to %s: %s; everything else "
+                    "continues",
                     folder,
                     error.strerror,
                 )
@@ -138,7 +138,9 @@ def _load(folder: Path, digest: str) -> dict[str, Any]:
     if not found:
         raise CommandRefused(f"there are no params {digest} in the history")
     if len({each.digest for each in found}) > 1:
-        raise CommandRefused(f"more than one digest in the history begins {digest}")
+        raise CommandRefused(
+            f"more than one digest in the history starts with {digest}"
+        )
     try:
         read = file.read(found[0].path)
     except ImudError as error:

@@ -72,7 +72,7 @@ class ParamsWatch:
             is_known = not entry.probe.hello or entry.probe.params is not None
             if not is_readable or is_known or entry.commanding.locked():
                 continue
-            # Most come by themselves, right after the hello.
+            # Most come unasked, right after the hello.
             due_s = self._ask_s.setdefault(entry, now_s + 1.0)
             if now_s >= due_s:
                 self._ask_s[entry] = now_s + ASK_S
@@ -84,7 +84,7 @@ class ParamsWatch:
 
 
 def summary(entry: ProbeEntry) -> dict[str, Any]:
-    """What a probe's status says of its params."""
+    """The params in a probe's status."""
     digest = entry.probe.hello.get("params_digest")
     records = entry.probe.params if isinstance(digest, int) else None
     summed: dict[str, Any] = {
@@ -124,7 +124,7 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
 
 
 def conditions_of(entry: ProbeEntry, params: Params) -> dict[str, Condition]:
-    """What the calibration of each sensor is worth now."""
+    """The current quality of each sensor's calibration."""
     seconds = entry.last_heard_ns * 1e-9
     today = datetime.datetime.fromtimestamp(seconds, datetime.UTC).date()
     return {

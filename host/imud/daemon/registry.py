@@ -27,7 +27,7 @@ from imud.stages.factory import stages_of
 FORGET_NS = 60_000_000_000
 FEW_MESSAGES = 100
 
-# Up to so many probes have a part of their own in the daemon's last line.
+# Up to this many probes are listed one by one in the daemon's last line.
 LISTED_MAX = 4
 
 # So many failed transfers of samples, and a probe sets its sensor up again.
@@ -40,7 +40,7 @@ MakeStages = Callable[[Config], list[Stage]]
 
 
 class ProbePort(Protocol):
-    """What the daemon needs of the port that a probe is on."""
+    """The interface of a probe's port for the daemon."""
 
     name: str
     session: Session | None
@@ -52,7 +52,7 @@ class ProbePort(Protocol):
 
 
 class SensorFault(msgspec.Struct, frozen=True):
-    """What a probe reported of its sensor, which may be out of work since."""
+    """A probe's last report of its sensor, which may have failed since."""
 
     event: str
     cause: str
@@ -66,7 +66,7 @@ class SensorFault(msgspec.Struct, frozen=True):
 
 
 class ProbeEntry:
-    """What the daemon keeps about one probe, beside its account and its clock."""
+    """The daemon's state of one probe, beside its account and its clock."""
 
     def __init__(self, probe_id: str, config: Config, stages: list[Stage]) -> None:
         self.probe = Probe(probe_id)
@@ -112,7 +112,7 @@ class ProbeEntry:
 
     def numbered(self, name: str, stamp: Stamp, *, is_published: bool) -> Stamp:
         """A message's stamp with the number under which it is published: these have no
-        gaps, whoever computes what.
+        gaps, wherever poses are computed.
         """
         self._heard[name] = stamp.number
         ahead = self._ahead.get(name, 0)
@@ -123,7 +123,7 @@ class ProbeEntry:
         return msgspec.structs.replace(stamp, number=stamp.number + ahead)
 
     def next_number(self, name: str) -> int:
-        """Of a message of that kind that a stage has computed."""
+        """Numbers a message of that kind that a stage has computed."""
         self._ahead[name] = self._ahead.get(name, 0) + 1
         return self._heard.get(name, 0) + self._ahead[name]
 
@@ -151,7 +151,7 @@ class ProbeEntry:
 
     @property
     def session(self) -> Session | None:
-        """Of the port that it is on."""
+        """The session of its port."""
         return self.port.session if self.port is not None else None
 
     @property
@@ -166,7 +166,7 @@ class ProbeEntry:
         return self.corrupt_before + (session.corrupt.total() if session else 0)
 
     def closing_line(self) -> str:
-        """What came of it, for the daemon's last line."""
+        """Its totals, for the daemon's last line."""
         text = f"probe {self.name}: {self.received} received, {self.lost} lost"
         return ", ".join(filter(None, (text, *(s.closing_line() for s in self.stages))))
 
@@ -213,8 +213,8 @@ class Registry:
 
     def forget(self, now_ns: int) -> ProbeEntry | None:
         """Drops the probe that is gone longest and returns it; None: none is gone for
-        FORGET_NS (host's time). Those that said little go first: ids that are made up
-        fill no registry for good.
+        FORGET_NS (host's time). Those with few messages go first, so that invented ids
+        can't fill the registry permanently.
         """
         gone = [
             entry
@@ -257,11 +257,11 @@ class Registry:
         return renamed
 
     def closing_line(self) -> str:
-        """What came of all probes, for the daemon's last line."""
+        """The totals of all probes, for the daemon's last line."""
         entries = list(self)
         if len(entries) <= LISTED_MAX:
             text = "; ".join(entry.closing_line() for entry in entries)
-            return text or "no probe was heard"
+            return text or "no probe was connected"
         received = sum(entry.received for entry in entries)
         lost = sum(entry.lost for entry in entries)
         return f"{len(entries)} probes: {received} received, {lost} lost"

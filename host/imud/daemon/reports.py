@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is reported of each probe once a second: its status, and what was lost."""
+"""Reports about each probe once a second: its status, and its losses."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is wrong with the sensors of a probe, for its status and for the journal."""
+"""Problems of a probe's sensors, for its status and for the journal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from imud.journal.faults import OF_SENSOR, fault_words
 from imud.probes.sensors import SensorFinding, findings_of, flags_of
 from imud.wire.messages import Message
 
-_UNKNOWN_FAULT = "the sensor does not work: restart the probe to see why"
+_UNKNOWN_FAULT = "the sensor does not work: restart the probe to find the reason"
 
 
 def follow_status(entry: ProbeEntry) -> None:
@@ -38,8 +38,8 @@ def is_working(entry: ProbeEntry) -> bool:
 
 
 def sensor_findings(entry: ProbeEntry) -> list[SensorFinding]:
-    """What is wrong with sensors that work. A hello in the midst of a set-up does not
-    tell what there is.
+    """Problems of sensors that work. A hello during a set-up does not report the
+    sensors that are present.
     """
     if not is_working(entry):
         return []
@@ -47,7 +47,7 @@ def sensor_findings(entry: ProbeEntry) -> list[SensorFinding]:
 
 
 def sensors_of(entry: ProbeEntry) -> dict[str, Any]:
-    """What a probe's status says of its sensors."""
+    """The sensors in a probe's status."""
     verdicts = entry.probe.verdicts
     words = [finding.words for finding in sensor_findings(entry)]
     if entry.counters.get("state") == "fault":

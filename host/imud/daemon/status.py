@@ -30,7 +30,7 @@ QUALITY = (
 
 
 class Delivered(msgspec.Struct, frozen=True):
-    """What the sinks made of the records of one probe."""
+    """The outcome of one probe's records at the sinks."""
 
     sinks: Mapping[str, SinkCounts]
     published: Mapping[str, int]  # by topic

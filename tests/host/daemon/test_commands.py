@@ -43,14 +43,14 @@ def test_commands_become_two_numbers(
 @pytest.mark.parametrize(
     ("name", "arguments", "words"),
     [
-        ("start", {"fast": "1"}, "start knows no fast"),
+        ("start", {"fast": "1"}, "start has no parameter fast"),
         ("tare", {"what": "all of it"}, "tare needs what=all, heading or undo"),
         ("rate", {"stream": "pose"}, "rate needs stream"),
         ("rate", {"stream": "pose", "hz": "fast"}, "rate needs stream"),
         ("fields", {"streams": "mag"}, "fields needs streams"),
         ("restart", {"filter": "none"}, "restart needs filter=fuse, complementary"),
         ("restart", {"forget": "2"}, "restart needs filter=fuse, complementary"),
-        ("restart", {"with": "fuse"}, "restart knows no with"),
+        ("restart", {"with": "fuse"}, "restart has no parameter with"),
     ],
 )
 def test_commands_that_make_no_sense_are_refused(
@@ -81,7 +81,7 @@ def test_a_refusal_says_why(chain: Chain) -> None:
         chain.client.command(chain.probe.name, "dance")
     with pytest.raises(CommandRefused, match="arguments can't be"):
         chain.client.command(chain.probe.name, "rate", stream="pose", hz="99999999999")
-    with pytest.raises(ProbeUnknown, match="no probe stylus is there; name one"):
+    with pytest.raises(ProbeUnknown, match="no probe stylus; choose one"):
         chain.client.command("stylus", "start")
 
 

@@ -23,7 +23,7 @@ PROBE_ID = "00112233445566aa"
         ({"rate": "5"}, "configure needs"),
         ({"log": "yes"}, "configure needs"),
         ({"rename": "a/b"}, "can't be part of a key"),
-        ({"rename": "other"}, "is the name of another probe"),
+        ({"rename": "other"}, "is also the name of another probe"),
     ],
 )
 def test_what_the_file_may_not_have_is_refused(
@@ -36,7 +36,7 @@ def test_what_the_file_may_not_have_is_refused(
 
 
 def test_no_log_is_started_where_none_is_kept() -> None:
-    with pytest.raises(CommandRefused, match="keeps no log"):
+    with pytest.raises(CommandRefused, match="writes no log"):
         configured(reader.load(None, is_logging=False), PROBE_ID, {"log": "on"})
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Any query, key or payload from the network gets an error line or no answer, never an
-internal error. Poses go on meanwhile.
+internal error. Poses continue meanwhile.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def test_other_keys_and_puts_are_ignored_and_told_seldom(room: Room) -> None:
     forged = f"imud/{room.probe.name}/x\n00:00:00 warning: forged\x1b[31m\u202e"
     room.session.put(forged, b"")
     room.daemon.expect(
-        r"another program publishes on .*/x\?00:00:00 warning: forged\?\[31m\?"
+        r"another program also publishes on .*/x\?00:00:00 warning: forged\?\[31m\?"
     )
     for _ in range(400):
         key = chance.choice([*keys, f"imud/{room.probe.name}/{text(chance)}"])
@@ -202,7 +202,8 @@ def test_nothing_was_lost_and_nothing_was_a_fault(room: Room) -> None:
     assert ledger["adds_up"], ledger
     assert room.daemon.stop() < SOON_S
     assert_honest(room.daemon)
-    # However many keys somebody makes up.
+    # However many keys a client invents.
     assert (
-        sum("another program publishes on" in line for line in room.daemon.lines) <= 6
+        sum("another program also publishes on" in line for line in room.daemon.lines)
+        <= 6
     )

@@ -36,7 +36,7 @@ from imud.wire.messages import Message, decode
 from length import choose
 
 SEED = 20_260_104
-LIES = choose(everyday=5_000, long=20_000)  # and so many events
+LIES = choose(everyday=5_000, long=20_000)  # and as many events
 
 
 def lies(chance: random.Random, probe: FakeProbe, count: int) -> Iterator[bytes]:
@@ -139,7 +139,7 @@ def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
         daemon.expect("found on")
         for number in range(2 * PROBES_MAX):
             port.write(FakeProbe(probe_id=number.to_bytes(8, "big")).say("hello"))
-        daemon.expect(f"{PROBES_MAX} probes were heard, so probe .* is ignored")
+        daemon.expect(f"{PROBES_MAX} probes are the limit, so probe .* is ignored")
         while True:  # an answer is of the turn in which it is asked
             port.write(honest.say("hello"))
             with Client(daemon.endpoint) as client:

@@ -134,7 +134,7 @@ def test_a_failing_sink_is_told_once_and_opened_again(
     assert lane.failures == 3
     assert sink.opened == 4
     assert [entry.message for entry in caplog.records] == [
-        "disk fails and is tried again: No space left on device",
+        "disk failed, retrying: No space left on device",
         "disk works again",
     ]
 

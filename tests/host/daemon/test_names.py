@@ -33,12 +33,12 @@ def test_a_name_is_kept_over_a_restart(
 ) -> None:
     with running(tmp_path, "") as (daemon, _, _):
         assert given(daemon, name_of(daemon), "stylus") == 0
-        assert capsys.readouterr().out == f"{PROBE_ID} is called stylus now\n"
+        assert capsys.readouterr().out == f"{PROBE_ID} is now called stylus\n"
         assert name_of(daemon) == "stylus"
         assert given(daemon, "stylus", "a/b") == 1
         assert "can't be part of a key" in capsys.readouterr().err
         assert given(daemon, "nobody", "other") == 1
-        assert "no probe nobody is there" in capsys.readouterr().err
+        assert "no probe nobody;" in capsys.readouterr().err
         daemon.stop()
     with running(tmp_path, "") as (daemon, _, _):
         assert name_of(daemon) == "stylus"
@@ -79,7 +79,7 @@ def test_a_folder_that_takes_no_file_refuses_the_name(
         (b"no JSON", "is damaged"),
         (b'{"00112233445566aa": 5}', "is damaged"),
         (b'{"00112233445566aa": "a/b"}', "can't be part of a key"),
-        (b'{"00112233445566aa": "other"}', "is the name of another probe"),
+        (b'{"00112233445566aa": "other"}', "is also the name of another probe"),
     ],
 )
 def test_a_file_that_is_damaged_is_told_and_left_out(

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The history of params: what came into force is kept, and no disk is in the way."""
+"""The history of params: active params are kept, and a failing disk does not stop
+it."""
 
 from __future__ import annotations
 
@@ -74,7 +75,7 @@ def test_a_disk_that_fails_is_one_line_until_it_works_again(
         (line,) = caplog.messages
         assert line == (
             f"history of params: can't write to {tmp_path / ID}: No space left on "
-            "device; nothing else is affected"
+            "device; everything else continues"
         )
         assert list((tmp_path / ID).iterdir()) == []
         monkeypatch.undo()

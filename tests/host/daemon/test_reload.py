@@ -168,7 +168,7 @@ def test_thirty_reloads_under_a_stream_lose_nothing_and_leak_no_descriptor(
     tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     ended = threading.Event()
-    changes = (  # the log's sink is made anew, the network's, both
+    changes = (  # restarts the log's sink, the network's, both
         ("rotate_mb = 1", "rotate_mb = 2", "reloaded: log"),
         ("history = 1", "history = 2", "reloaded: zenoh"),
         ("= 2", "= 1", "reloaded: zenoh, log"),

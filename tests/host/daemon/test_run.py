@@ -156,7 +156,7 @@ def test_late_joiners_ask_for_status_and_see_who_is_alive(chain: Chain) -> None:
     assert status["probe"] == chain.probe.name
     assert chain.client.alive() == [chain.probe.name]
     assert chain.client.only_probe() == chain.probe.name
-    with pytest.raises(ProbeUnknown, match="no probe stylus is there; name one: 0011"):
+    with pytest.raises(ProbeUnknown, match="no probe stylus; choose one: 0011"):
         chain.client.only_probe("stylus")
 
 
@@ -164,7 +164,8 @@ def test_who_waits_finds_a_probe_that_its_history_left_out(
     chain: Chain, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Forgetful:
-        """A session whose subscribers hear nothing of who is there already."""
+        """A session whose subscribers are not told of members that are already
+        present."""
 
         def __init__(self, session: zenoh.Session) -> None:
             self._session = session
@@ -185,7 +186,9 @@ def test_who_waits_finds_a_probe_that_its_history_left_out(
     monkeypatch.setattr(chain.client, "_session", Forgetful(chain.client.session))
     assert chain.client.wait_for(chain.probe.name) == chain.probe.name
     assert chain.client.wait_for() == chain.probe.name
-    with pytest.raises(ProbeUnknown, match=r"no probe stylus came in 0\.6 s; plug it"):
+    with pytest.raises(
+        ProbeUnknown, match=r"no probe stylus found within 0\.6 s; plug it"
+    ):
         chain.client.wait_for("stylus", seconds=0.6)
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""A machine without files, or without room, left: poses go on, the log says what it
-lacks, and goes on once it is there.
+"""A machine that is out of files or space: poses continue; the log reports the
+shortage, and continues when it is over.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def test_the_log_stops_says_why_and_goes_on_when_there_is_room_again(
             least = 3 if limit == "RLIMIT_NOFILE" else 20_000
             resource.prlimit(pid, which, (least, before[1]))
             until_s = time.monotonic() + 30.0
-            while not any("log fails" in line for line in daemon.seen()):
+            while not any("log failed" in line for line in daemon.seen()):
                 port.write(probe.poses(100))
                 time.sleep(0.05)
                 assert time.monotonic() < until_s
@@ -54,7 +54,7 @@ def test_the_log_stops_says_why_and_goes_on_when_there_is_room_again(
                 port.write(probe.poses(20))
                 time.sleep(0.05)
                 assert time.monotonic() < until_s
-        failing = [line for line in daemon.lines if "log fails" in line]
+        failing = [line for line in daemon.lines if "log failed" in line]
         assert len(failing) == 1, failing
         assert daemon.stop() < SOON_S
         assert not any("internal error" in line for line in daemon.lines)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What is wrong with a probe's sensors is told in words wherever people look."""
+"""Problems of a probe's sensors are reported in words in the status, the journal and
+the commands."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ JUDGED = {"self_test": ("host_judges",)}
 DEAD_Y = {"stimulated": (6500, 339, 22800, 8000, -7900, 8150)}
 DEAD_WORDS = (
     "the accelerometer failed its self-test (y response 0 mg, expected 204 to 611): "
-    "tilt is not to be trusted; replace the module"
+    "don't trust tilt; replace the module"
 )
 MOVED_WORDS = (
     "self-test of accelerometer not judged: the probe moved; restart it while it lies "
@@ -49,7 +50,7 @@ def becomes(chain: Chain, sensor: str, *who_am_i: int, **fields: Any) -> None:
 
 
 def output_of(chain: Chain, *names: str) -> str:
-    """What a command of imud prints."""
+    """The output of a command of imud."""
     command = [sys.executable, "-m", "imud", *names]
     done = subprocess.run(
         [*command, "--connect", chain.daemon.endpoint],
@@ -72,17 +73,17 @@ def output_of(chain: Chain, *names: str) -> str:
         (
             hello_of("mpu6500", 0x71, 0),
             "the magnetometer of this MPU-9250 does not answer: no heading; switch the "
-            "power off and on, else replace the module",
+            "power off and on; if that does not help, replace the module",
         ),
         (
             hello_of("mpu9250", 0x73, 0),
             "the magnetometer of this MPU-9255 does not answer: no heading; switch the "
-            "power off and on, else replace the module",
+            "power off and on; if that does not help, replace the module",
         ),
         (
             hello_of("lsm9ds0", 0xD4, 0),
             "the magnetometer of this LSM9DS0 does not answer: no heading; switch the "
-            "power off and on, else replace the module",
+            "power off and on; if that does not help, replace the module",
         ),
         (hello_of("lsm6dsox", 0x6C, 0x3D), ""),
         (
@@ -176,7 +177,7 @@ def test_a_probe_that_judges_itself_is_told_as_well(chain: Chain) -> None:
     }
     chain.port.write(chain.probe.say("hello"))
     chain.daemon.expect(
-        r"the gyroscope failed its self-test \(by the probe's own self-test\): poses"
+        r"the gyroscope failed its self-test \(by the probe's own self-test\): don't trust poses"
     )
 
 
@@ -265,7 +266,7 @@ def test_one_failed_transfer_is_no_sensor_out_of_work(chain: Chain) -> None:
 def test_a_fault_whose_event_was_not_heard_is_told_all_the_same(chain: Chain) -> None:
     chain.port.write(chain.probe.say("status", state="fault"))
     status = chain.status_when(lambda status: not status["sensors"]["is_working"])
-    words = ["the sensor does not work: restart the probe to see why"]
+    words = ["the sensor does not work: restart the probe to find the reason"]
     assert status["sensors"]["words"] == words
 
 

@@ -78,7 +78,7 @@ def test_systemd_is_told_of_each_step(tmp_path: Path, manager: Manager) -> None:
 def test_a_stop_under_a_stream_is_clean_and_loses_nothing(
     tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
-    """What came before the signal is in the log, which is whole."""
+    """All messages before the signal are in the log, which is intact."""
     with running(tmp_path, "") as (daemon, probe, port):
         for _ in range(20):
             port.write(probe.poses(100))
@@ -138,7 +138,7 @@ def test_settings_that_cannot_be_end_it_for_good_and_its_status_says_why(
         assert daemon.process.wait(30) == 78
     assert line.startswith("imud: ")
     status = manager.expect("STATUS=")
-    assert status.startswith(f"STATUS={line.removeprefix('imud: ')}; mend that")
+    assert status.startswith(f"STATUS={line.removeprefix('imud: ')}; correct it")
     assert "systemctl restart imud" in status
     main(["install-service", "--prefix", str(tmp_path)])
     unit = (tmp_path / "etc/systemd/system/imud.service").read_text()
@@ -148,7 +148,7 @@ def test_settings_that_cannot_be_end_it_for_good_and_its_status_says_why(
 def test_a_taken_port_of_poses_ends_it_without_a_log(
     tmp_path: Path, manager: Manager
 ) -> None:
-    """Somebody may give it back: a service manager starts it again."""
+    """It may become free: a service manager starts the daemon again."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         with DaemonProcess(directory=tmp_path, endpoint=endpoint) as daemon:
@@ -166,7 +166,7 @@ def test_a_taken_port_of_another_service_is_told_and_taken_once_it_is_free(
         host, port = taken.getsockname()
         on = "" if service == "metrics" else "enabled = true\n"
         text = f"[{service}]\n{on}listen = '{host}:{port}'\n"
-        # Taken by the time that the daemon starts: it goes on with its poses.
+        # Taken by the time that the daemon starts: it continues with its poses.
         with running(tmp_path, text) as (daemon, _, _):
             (line,) = [each for each in daemon.lines if str(port) in each]
             assert "warning" in line

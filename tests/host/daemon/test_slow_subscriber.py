@@ -17,7 +17,7 @@ from fakes import DaemonProcess, FakeProbe, Port
 from imud.client import Client, Delivery
 from streaming import Process, Streaming, until, zenoh_of
 
-# Says what came and what did not, whenever it is asked.
+# Reports received and missing messages on request.
 READER = """
 import json, sys, threading, imud
 told = {"count": 0, "first": None, "last": None}

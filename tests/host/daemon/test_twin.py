@@ -65,7 +65,7 @@ def test_the_twin_asks_follows_tells_a_difference_and_a_loss(
     port.serve(probe, commands=1)
     assert probe.commands[-1]["command"] == "restart"
     began = probe.sequence - 2
-    chain.daemon.expect(f"its twin follows from #{began} on$")
+    chain.daemon.expect(f"its twin compares from #{began} on$")
     truth.replay.restart(schema.Filter.FUSE)
     port.write(b"".join(truth.sample() for _ in range(100)))
     tare = chain.command("tare", what="heading")
@@ -77,10 +77,10 @@ def test_the_twin_asks_follows_tells_a_difference_and_a_loss(
         **{"state": "following", "compared": 200, "differed": 0},
         **{"lost": None, "first_difference": None},
     }
-    # It tells the first pose that differs, and counts the others.
+    # It reports the first pose that differs, and counts the others.
     struck = probe.sequence + 1
     port.write(truth.sample(flip=1) + truth.sample() + truth.sample(flip=2))
-    chain.daemon.expect(f"pose #{struck} is not what its samples give: q differ$")
+    chain.daemon.expect(f"pose #{struck} differs from the twin's: q$")
     twin = twin_when(chain, lambda t: t["compared"] == 203)
     assert (twin["state"], twin["differed"]) == ("differs", 2)
     first = twin["first_difference"]
@@ -96,12 +96,12 @@ def test_the_twin_asks_follows_tells_a_difference_and_a_loss(
     lost = probe.sequence
     assert truth.sample()
     port.write(truth.sample() + truth.sample())
-    chain.daemon.expect(f"its twin can't follow from #{lost} on: a message is missing")
+    chain.daemon.expect(f"its twin stops at #{lost}: a message is missing")
     twin = twin_when(chain, lambda t: t["state"] == "lost")
     assert (twin["lost"]["seq"], twin["differed"]) == (lost, 2)
-    # A restart by whomever begins anew.
+    # Any restart starts it again.
     assert chain.command("restart")["ok"]
-    chain.daemon.expect("its twin follows from")
+    chain.daemon.expect("its twin compares from")
     assert twin_when(chain, lambda t: t["state"] == "following")["lost"] is None
     states = [json.loads(told.get(timeout=PATIENCE_S)) for _ in range(4)]
     names = ["following", "differs", "lost", "following"]
@@ -118,10 +118,10 @@ def test_a_twin_that_is_not_served_says_so_once(twinned: Chain) -> None:
     for _ in range(2):
         chain.port.write(chain.probe.say("pose"))
     chain.port.serve(chain.probe, commands=2)
-    chain.daemon.expect("its twin can't begin: probe .* refused fields: not ready")
+    chain.daemon.expect("its twin can't start: probe .* refused fields: not ready")
     assert twin_when(chain, lambda _: True)["state"] == "waiting"
     chain.daemon.stop()
-    assert sum("can't begin" in line for line in chain.daemon.lines) == 1
+    assert sum("can't start" in line for line in chain.daemon.lines) == 1
 
 
 def test_no_twin_is_off(chain: Chain) -> None:

@@ -25,7 +25,7 @@ from imud.probes.ledger import totals
 
 BACK_S = 2.0
 
-# The wire is pulled at so many places of a frame, and at both of its ends.
+# Number of places in a frame at which the wire is pulled, besides both of its ends.
 PLACES = 12
 
 # Between two messages of a probe that streams.
@@ -70,7 +70,7 @@ class Bench:
                 return pose
 
     def ledger(self, received: int) -> dict[str, Any]:
-        """Of the first status in which so many messages of all boots are."""
+        """The ledger of the first status with that many messages of all boots."""
         while True:
             ledger = self.statuses.get(timeout=PATIENCE_S)["ledger"]
             if totals(ledger).received >= received:
@@ -161,7 +161,7 @@ def test_a_reset_in_mid_frame_costs_that_frame_and_is_a_boot_of_its_own(
             desk.daemon.expect("restarted on")
             received += 3
             ledger = desk.ledger(received)
-            # What was torn is one bad frame; its number was never heard.
+            # Each torn frame is one corrupt frame; its number was never received.
             assert ledger["corrupt"] == resets
             assert totals(ledger).lost == 0
         assert ledger["boots"] == 4
@@ -227,14 +227,14 @@ def test_a_probes_own_settings_are_applied_whenever_it_appears(
             sent = desk.probe.say("hello") + desk.probe.say("pose")
             slowest_s = max(slowest_s, desk.come_back(sent) + obeyed())
         report(record_property, 0, slowest_s)
-        # The wire is pulled before it has answered: all begins anew, at once.
+        # The wire is pulled before it has answered: everything restarts, at once.
         desk.replug()
         desk.come_back(desk.probe.say("hello") + desk.probe.say("pose"))
         assert desk.port.read()
         desk.replug()
         sent = desk.probe.say("hello") + desk.probe.say("pose")
         assert desk.come_back(sent) + obeyed() < REPLY_TIMEOUT_S
-        # A probe that will not is told, and goes on as it is.
+        # A probe that will not is told, and continues as it is.
         desk.probe.results["rate"] = "bad_argument"
         desk.replug()
         desk.come_back(desk.probe.say("hello") + desk.probe.say("pose"))
@@ -255,7 +255,7 @@ def test_a_second_start_while_it_streams_is_back_in_2_s(
     def stream() -> None:
         while not ended.wait(STREAM_S):
             is_due = probe.sequence % 100 == 0
-            # What nobody reads is lost.
+            # Bytes without a reader are lost.
             with contextlib.suppress(BlockingIOError):
                 port.write(probe.say("hello") if is_due else probe.say("pose"))
 
@@ -317,10 +317,10 @@ def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
 ) -> None:
     with bench(tmp_path) as desk:
         with DaemonProcess(desk.port.path, directory=tmp_path, log=False) as second:
-            second.expect("port is in use by another program; it is opened when")
+            second.expect("port is in use by another program; imud opens it when")
             desk.port.write(desk.probe.poses(50))
             desk.pose(desk.probe.sequence - 1)
-            time.sleep(1.0)  # it tries again, and again in vain
+            time.sleep(1.0)  # it retries, and fails again
             second.stop()
             assert sum("in use by" in line for line in second.lines) == 1
         desk.port.write(desk.probe.poses(50))
