@@ -78,7 +78,7 @@ class Stage(Protocol):
         """
 
     def status(self) -> Mapping[str, Any]:
-        """What the status of the probe says about this stage, as JSON values."""
+        """This stage's part of the probe's status, as JSON values."""
 
     def closing_line(self) -> str:
-        """What the daemon's last line adds about the probe; empty: nothing."""
+        """This stage's part of the daemon's last line about the probe; empty: none."""

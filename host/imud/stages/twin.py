@@ -54,7 +54,7 @@ RAW_STREAM = 1  # of the command `rate`
 CHANGES = frozenset({"restart", "tare"})  # of poses; the event precedes the reply
 
 _UNABLE = "this imud can't compute it"
-_FLOATS = "its filter computes in floats, each processor with bits of its own"
+_FLOATS = "its filter uses floats, whose bits differ between processors"
 _OWN = place_of("hello", "own_field")
 _MASK = (1 << 32) - 1
 
@@ -79,7 +79,7 @@ class Twin:
         return TwinState.DIFFERS if self._run.has_differed else TwinState.FOLLOWING
 
     def on_probe_found(self) -> None:
-        """The probe appeared or restarted: forgets what came before."""
+        """The probe appeared or restarted: forgets everything earlier."""
         self._sequence = None
         self._begin_boot(BootPhase.UNKNOWN)
 
@@ -187,7 +187,7 @@ class Twin:
         elif command == "fields":
             is_off = not int(value[0]) & schema.StreamFlags.RAW
         if is_off and self._run is not None:
-            return self._lose(message.sequence, "not every sample is told any more")
+            return self._lose(message.sequence, "it no longer sends every sample")
         return None
 
     def _on_raw(self, message: Message, content: bytes) -> TwinOutcome | None:
@@ -208,7 +208,7 @@ class Twin:
         return self._step(self._run, message, content, is_next=is_next)
 
     def _ask_to_begin(self, *, is_next: bool) -> TwinOutcome | None:
-        """What the twin lacks, at a raw message that it can't use."""
+        """The missing data, at a raw message that the twin can't use."""
         boot = self._boot
         if boot.raw_rate is not None and not boot.is_full:
             return self._ask(AskRaw(boot.sample_rate))
@@ -229,7 +229,7 @@ class Twin:
         is_whole = run.losses is Losses.WHOLE
         is_sure = (run.steps > 0 or run.is_heard) and self._boot.is_full and is_whole
         if not (is_next or (has_gap and is_sure)):
-            return self._lose(message.sequence, "a sample before it was not told")
+            return self._lose(message.sequence, "an earlier sample is missing")
         run.step(content)
         return None
 
@@ -241,7 +241,7 @@ class Twin:
             rate_hz = None if boot.is_full else boot.sample_rate
             return None if has_raw or not boot.hello else self._ask(AskRaw(rate_hz))
         if not has_raw or run.losses is Losses.ONE_MISSING:
-            return self._lose(message.sequence, "its sample was not told")
+            return self._lose(message.sequence, "its sample is missing")
         twin = run.replay.pose(message.sequence, message.time_us)
         self.compared += 1
         is_unlatched = run.losses is Losses.NO_SAMPLE
@@ -258,7 +258,7 @@ class Twin:
             return None
         has_raw = message.time_us == self._boot.raw_us
         if not has_raw or run.losses is Losses.ONE_MISSING:
-            return self._lose(message.sequence, "its sample was not told")
+            return self._lose(message.sequence, "its sample is missing")
         twin = run.replay.stroke(message.sequence, message.time_us)
         if twin == content:
             return None
@@ -268,7 +268,7 @@ class Twin:
         self, run: TwinRun, message: Message, content: bytes, twin: bytes
     ) -> TwinOutcome:
         if run.is_guess:
-            return self._lose(message.sequence, "its params may be others")
+            return self._lose(message.sequence, "its params may have changed")
         self.differed += 1
         is_first, run.has_differed = not run.has_differed, True
         fields = differing(message, twin)
@@ -284,7 +284,7 @@ class Twin:
             return None
         was_guess, run.is_guess = run.is_guess, False
         if was_guess and self._boot.hello[_OWN] != run.hello[_OWN]:
-            return self._lose(sequence, "its own field may have been another")
+            return self._lose(sequence, "its own field may have changed")
         if records is None:
             return self._wait_for_params() if was_guess or is_changed else None
         try:

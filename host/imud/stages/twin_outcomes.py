@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a twin reports: its state, its outcomes, and how two poses differ."""
+"""A twin's reports: its state, its outcomes, and how two poses differ."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FLAGS = messages.place_of("pose", "pose_flags")
 
 
 class TwinState(Enum):
-    """Whether a twin follows its probe, and what came of it.
+    """Whether a twin follows its probe, and the result.
 
                    the filter begins             a pose differs
         WAITING -------------------> FOLLOWING ----------------> DIFFERS

@@ -20,7 +20,7 @@ from imud.stages.twin_outcomes import (
     TwinStopped,
 )
 
-FAILURE = "its twin can't begin"
+FAILURE = "its twin can't start"
 
 
 class TwinStage:
@@ -110,18 +110,18 @@ def _lines(
     outcome: TwinStarted | TwinStopped | TwinLost | TwinDiffers,
 ) -> Iterator[LogLine]:
     if isinstance(outcome, TwinStarted):
-        yield LogLine(TwinStarted, f"its twin follows from #{outcome.sequence} on")
+        yield LogLine(TwinStarted, f"its twin compares from #{outcome.sequence} on")
     elif isinstance(outcome, TwinLost):
         yield LogLine(
             TwinLost,
-            f"its twin can't follow from #{outcome.sequence} on: {outcome.reason}; "
-            "imud restart begins anew",
+            f"its twin stops at #{outcome.sequence}: {outcome.reason}; start it "
+            "again with imud restart",
             is_warning=True,
         )
     elif isinstance(outcome, TwinDiffers) and outcome.is_first:
         yield LogLine(
             TwinDiffers,
-            f"pose #{outcome.sequence} is not what its samples give: "
-            f"{', '.join(outcome.fields)} differ",
+            f"pose #{outcome.sequence} differs from the twin's: "
+            f"{', '.join(outcome.fields)}",
             is_warning=True,
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a twin knows: of the boot, of the params, and since the filter began."""
+"""A twin's state: of the boot, of the params, and since the filter started."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Losses(Enum):
 
 @dataclass(slots=True)
 class TwinBoot:
-    """What is known of one boot."""
+    """The state of one boot."""
 
     phase: BootPhase
     count: Value  # as its hello counts boots; before that, of the boot before
@@ -114,7 +114,7 @@ class TwinBoot:
 
 @dataclass(slots=True)
 class TwinParams:
-    """What is known of the params in force."""
+    """The state of the active params."""
 
     records: bytes | None = None  # None: not all of their parts were heard
     is_named: bool = False  # nothing is missing since they were named
@@ -129,7 +129,7 @@ class TwinParams:
 
 @dataclass(slots=True)
 class TwinRun:
-    """What is known since the filter began."""
+    """The state since the filter started."""
 
     replay: _core.Replay
     number: int | None  # of the filter, where an event named it

@@ -49,7 +49,7 @@ def stage_of(event: Received, *, is_on: bool = True) -> FusionStage:
 
 
 def fused(contents: list[bytes], *, is_on: bool = True) -> list[StageResult]:
-    """What the stage answers to these messages."""
+    """The stage's answers to these messages."""
     events = received(contents)
     stage = stage_of(events[0], is_on=is_on)
     return [outcome for event in events for outcome in stage.on_message(event)]
@@ -195,7 +195,7 @@ def test_it_is_off_by_default() -> None:
 def test_what_contradicts_it_is_named(tmp_path: Path, line: str) -> None:
     file = tmp_path / "imud.toml"
     file.write_text(f"[probes.00112233445566aa]\nfuse_on_host = true\n{line}\n")
-    with pytest.raises(ConfigError, match="fuse_on_host sets it"):
+    with pytest.raises(ConfigError, match="is set by fuse_on_host"):
         load(file)
 
 
@@ -210,7 +210,7 @@ def scene() -> Measured:
 def contents_in(
     scene: Measured, records: bytes, *, presses: bool = True
 ) -> list[bytes]:
-    """What a probe with these params says while it feels a scene."""
+    """The messages of a probe with these params in a scene."""
     life: Life = followed().load(records)
     held = scene.held() & presses
     for number, (row, is_held) in enumerate(zip(scene.samples, held, strict=True)):

@@ -83,7 +83,7 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     bench = Bench(params=before)
     assert bench.stage.status()["state"] == "waiting"
     bench.play(used())
-    # As it goes on, it may find a better one.
+    # As it continues, it may find a better one.
     assert 1 <= len(bench.of(Publish)) == len(bench.of(LogLine)) <= 3
     assert bench.of(SendCommands) == []
     for told in bench.of(LogLine):

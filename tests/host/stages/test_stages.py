@@ -192,8 +192,8 @@ def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(
 def test_what_a_stage_computes_stands_in_the_place_of_what_the_probe_sends(
     bench: Bench,
 ) -> None:
-    """One pose a moment: those that it sends itself go on as frames alone. The numbers
-    of what is published have no gaps.
+    """One pose a moment: those that it sends itself remain as frames only. Published
+    numbers have no gaps.
     """
     stage = Doubles(Config())
     bench.intake = Intake(Config(), bench.hub, Speaker(), lambda _: [stage])

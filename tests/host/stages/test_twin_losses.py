@@ -36,7 +36,7 @@ def test_a_lost_sample_ends_it_until_the_next_restart():
     number = message_of(life.contents[gone]).sequence
     twin, outcomes = run_twin(without(life.contents, gone))
     assert outcomes[1:] == [TwinLost(number, "a message is missing")] or (
-        outcomes[1:] == [TwinLost(number + 1, "its sample was not told")]
+        outcomes[1:] == [TwinLost(number + 1, "its sample is missing")]
     )
     assert twin.state is TwinState.LOST
     twin, outcomes = run_twin(
@@ -151,7 +151,7 @@ def test_it_ends_where_not_every_sample_is_told_any_more(
     life = followed().live(50).order(command, *arguments)
     _, outcomes = run_twin(life.contents)
     number = message_of(life.contents[-1]).sequence
-    assert outcomes[1:] == [TwinLost(number, "not every sample is told any more")]
+    assert outcomes[1:] == [TwinLost(number, "it no longer sends every sample")]
 
 
 def test_a_gap_is_not_believed_where_a_message_is_missing():

@@ -98,7 +98,7 @@ def test_where_poses_do_not_tell_the_next_hello_does():
     twin, outcomes = run_twin(without(life.contents, lost))
     assert [type(each) for each in outcomes] == [TwinStarted, TwinStarted, TwinLost]
     assert isinstance(outcomes[-1], TwinLost)
-    assert outcomes[-1].reason == "its own field may have been another"
+    assert outcomes[-1].reason == "its own field may have changed"
     assert (twin.state, twin.differed) == (TwinState.LOST, 0)
 
 

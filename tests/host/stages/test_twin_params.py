@@ -92,7 +92,7 @@ def test_it_follows_every_change_of_params():
     for records in (OTHER, b"", OTHER + record(5, b"\0\0"), ONE):
         life.load(records).live(100)
     twin, outcomes = run_twin(life.contents)
-    # One of the changes leaves the calibration: the filter goes on.
+    # One of the changes leaves the calibration: the filter continues.
     assert len(named(life.contents, "params_changed")) == 4
     restarts = named(life.contents, "restarted")
     assert len(restarts) == 4
@@ -273,7 +273,7 @@ def test_the_stage_asks_the_probe_to_tell_its_params():
         if isinstance(each, Received)
         for outcome in stage.on_message(each)
     ]
-    assert wants == [SendCommands((("params_tell", {}),), "its twin can't begin")]
+    assert wants == [SendCommands((("params_tell", {}),), "its twin can't start")]
 
 
 def a_life(seed: int) -> list[bytes]:
