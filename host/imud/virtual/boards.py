@@ -156,7 +156,7 @@ def find(
     if named is not None:
         if named.is_file():
             return named
-        raise FileError(f"{named} is not there; run `make firmware sim`")
+        raise FileError(f"{named} does not exist; run `make firmware sim`")
     here = Path.cwd()
     # A virtual environment lies in the project's folder.
     for folder in (here, *here.parents, Path(sys.prefix).parent):

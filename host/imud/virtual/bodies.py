@@ -43,7 +43,7 @@ class RigidBody:
         return RigidBody(self.turning.then(turning), self.at(arm))
 
     def specific_force(self) -> FloatArray:
-        """Of the origin, m/s2, body frame: +g up at rest."""
+        """Specific force at the origin, m/s2, body frame: +g up at rest."""
         up = np.array([0.0, 0.0, GRAVITY_M_S2])
         return rotation.rotate(
             rotation.inverse(self.turning.quat), self.place.second + up

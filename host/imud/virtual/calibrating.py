@@ -142,7 +142,7 @@ class Follower:
                 yield self.procedure.wanted.up
 
     def hear(self, samples: Iterable[Sample]) -> None:
-        """What the probe measured."""
+        """Takes the probe's samples."""
         for sample in samples:
             self.procedure.feed(sample)
 

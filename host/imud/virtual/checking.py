@@ -40,7 +40,7 @@ def pieces(module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
 
 
 def presses_us() -> Iterator[tuple[int, int]]:
-    """When the button is down: in the midst of each last pose."""
+    """When the button is down: in the middle of each last pose."""
     poses = len(ASKED)
     round_s = FIRST_S + (poses - 1) * EACH_S + poses * Manners().move_s
     last_s = round_s - Manners().move_s - EACH_S / 2.0

@@ -44,7 +44,7 @@ class Wobble:
     hz: float = 0.8
     swing_deg: float = 25.0  # from the middle to each side
     twist_deg: float = 20.0  # about the probe's axis
-    directions: int = 2  # 1: to and fro in one plane
+    directions: int = 2  # 1: back and forth in one plane
     still_s: float = 5.0  # it leans on something, at the beginning
     pause_s: float = 3.0  # in the hand, before each wobble
     wobble_s: float = 30.0

@@ -35,9 +35,9 @@ FOLLOW, FOLLOW_IRON = "follow", "follow-iron"
 NAMES = (FOLLOW, FOLLOW_IRON)
 
 REST_S = 0.2  # so soon it looks again at what is asked
-AGAIN_S = 8.0  # and lays the probe anew, if the guide still asks for the same
+AGAIN_S = 8.0  # and lays the probe down again, if the guide still asks for the same
 FORGOTTEN_S = 2.0  # an aim of which nothing more comes is over
-AIM_S, LOOK_S = 0.7, 1.2  # a correction, and what it takes to see what came of it
+AIM_S, LOOK_S = 0.7, 1.2  # the time for a correction, and to see its effect
 AIM_GAIN = 0.85  # of the error that is shown: nobody hits at once
 AIM_OFF_RAD = 0.005  # rms of an axis, that a correction misses by
 RETRY_S = 1.0
@@ -72,7 +72,7 @@ Order = Lay | TurnAbout | Correct
 
 
 class Eyes:
-    """What a page asks of the probe on a port, as last read. Any thread may look."""
+    """The page's last request for the probe on a port. Any thread may read it."""
 
     def __init__(self, port: str) -> None:
         self.probe = ""  # its name; empty: the daemon has not found it yet
@@ -84,7 +84,7 @@ class Eyes:
         self._aim_s = -FORGOTTEN_S
 
     def order(self) -> Order | None:
-        """What should be done now."""
+        """The next action."""
         with self._lock:
             is_late = time.monotonic() - self._aim_s > FORGOTTEN_S
             if isinstance(self._order, Correct) and is_late:
@@ -121,7 +121,7 @@ class Eyes:
 
 
 def order_of(line: dict[str, Any]) -> Order | None:
-    """What the state of a guided calibration asks for."""
+    """The action for a state of a guided calibration."""
     if line["phase"] != "running":
         return None
     if line["kind"] == "mag":

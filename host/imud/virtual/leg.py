@@ -74,7 +74,7 @@ Stages = Mapping[str, tuple[float, float]]  # from and to, s
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """What each probe measures, and the truth: world_from_segment, (n, 4); the ankle's
+    """The samples of each probe, and the truth: world_from_segment, (n, 4); the ankle's
     place in m; flexion, abduction, internal rotation by joint in rad; stages in s.
     """
 

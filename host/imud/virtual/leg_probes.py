@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What probes on a virtual leg measure: they sit askew on soft tissue, over a floor
+"""The samples of probes on a virtual leg: they sit askew on soft tissue, over a floor
 with steel in it, and have the errors of a module.
 """
 
@@ -60,7 +60,7 @@ def worn(
     world: World,
     random: np.random.Generator,
 ) -> Motion:
-    """What the probe on a segment measures; `segment`: world_from_segment (n, 4) and
+    """The samples of the probe on a segment; `segment`: world_from_segment (n, 4) and
     the place of its start (n, 3), at RATE_HZ.
     """
     quat, origin = segment
@@ -82,7 +82,7 @@ def felt(
     moving: BoolArray,
     random: np.random.Generator,
 ) -> Motion:
-    """What a calibrated module measures along its course: world_from_probe (n, 4) and
+    """The samples of a calibrated module along its path: world_from_probe (n, 4) and
     places in m (n, 3) at RATE_HZ, `moving` where it is not at rest.
     """
     step = rotation.multiply(rotation.inverse(probe[:-1]), probe[1:])

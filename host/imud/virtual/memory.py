@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a virtual board remembers: its id, and params, told as a host would."""
+"""The memory of a virtual board: its id, and params, sent as a host would."""
 
 from __future__ import annotations
 
@@ -73,4 +73,4 @@ def _id_of(captured: bytes) -> str:
             probe_id = message.fields["probe_id"]
             if isinstance(probe_id, bytes):
                 return probe_id.hex()
-    raise FileError("the virtual board told no id; run `make firmware sim`")
+    raise FileError("the virtual board has sent no id; run `make firmware sim`")

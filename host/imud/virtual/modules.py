@@ -153,7 +153,7 @@ def of_file(path: Path) -> Module:
     try:
         tables = tomllib.loads(read_text(path))
     except ValueError as error:
-        raise FileError(f"{path}: it is not TOML: {error}") from error
+        raise FileError(f"{path} is not TOML: {error}") from error
     found: dict[str, Any] = {}
     for table, values in tables.items():
         if table not in KEYS or not isinstance(values, dict):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a virtual probe measures: recordings read from files, and the stream that
+"""The samples of a virtual probe: recordings read from files, and the stream that
 reaches the simulator.
 
 A motion is a series of records at a constant rate, each with the angular rate, the
@@ -162,8 +162,8 @@ def load(path: Path) -> Motion:
         bad = np.flatnonzero((np.abs(values) > VALUE_MAX).any(axis=1))
         if bad.size:
             raise MotionError(
-                f"{path}: record {bad[0]}: {name} is beyond what any sensor measures "
-                f"({VALUE_MAX:g}); is it in rad/s, m/s2, uT?"
+                f"{path}: record {bad[0]}: {name} exceeds every sensor's range "
+                f"({VALUE_MAX:g}); check that its unit is rad/s, m/s2 or uT"
             )
     return motion
 
@@ -187,8 +187,7 @@ def load_npz(path: Path) -> Motion:
     rate_hz = float(stored["sampling_rate"].reshape(-1)[0])
     if not 0.0 < rate_hz <= RATE_MAX_HZ:
         raise MotionError(
-            f"{path}: sampling_rate is {rate_hz:g} Hz; it may have up to "
-            f"{RATE_MAX_HZ:g}"
+            f"{path}: sampling_rate is {rate_hz:g} Hz; the maximum is {RATE_MAX_HZ:g}"
         )
     count = len(np.atleast_1d(stored["gyr"]))
     arrays: dict[str, Any] = {}

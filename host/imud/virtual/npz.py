@@ -18,8 +18,8 @@ SIZE_MAX = 32 << 20
 
 
 def arrays_of(path: Path, keys: Iterable[str]) -> dict[str, np.ndarray[Any, Any]]:
-    """Those arrays that are in the file. ValueError, EOFError or BadZipFile: it is no
-    such file, or one that takes too much memory.
+    """The arrays of these names in the file. ValueError, EOFError or BadZipFile: it is
+    not a .npz, or takes too much memory.
     """
     left = SIZE_MAX + 4 * path.stat().st_size
     found = {}

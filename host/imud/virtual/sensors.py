@@ -116,7 +116,7 @@ class Legs(Protocol):
     """A hand: what it does, move by move."""
 
     def moves(self) -> Iterator[HandMove]:
-        """What it does next; each move begins where the one before ended."""
+        """Its next move; each begins where the previous one ended."""
 
 
 # Makes a hand from its random numbers and the rate of the records, Hz.

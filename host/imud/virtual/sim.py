@@ -61,8 +61,8 @@ def held(link: Path) -> Iterator[None]:
     with file:
         if not system.try_lock(file):
             raise FileError(
-                f"{link} is the port of another virtual probe; add --link {link}-2 "
-                "--seed 2 for one more, with an id of its own"
+                f"{link} is the port of another virtual probe; pass --link {link}-2 "
+                "--seed 2 for a further one with its own id"
             )
         try:
             yield

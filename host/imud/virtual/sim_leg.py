@@ -99,7 +99,7 @@ def timetable(made: Leg) -> str:
     """When the leg does what, s."""
     parts = [f"{name} from {start:.0f} s" for name, (start, _) in made.stages.items()]
     _, end_s = made.stages["end"]
-    return f"it does this every {end_s:.0f} s: {', '.join(parts)}; Ctrl-C ends it"
+    return f"it repeats every {end_s:.0f} s: {', '.join(parts)}; Ctrl-C ends it"
 
 
 def configuration(worn: list[Worn]) -> str:

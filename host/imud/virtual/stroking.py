@@ -50,8 +50,8 @@ RELEASED_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is measured. `corners`: a closed path through these points, m, on a table;
-    without any, each stroke goes `length_m` in a direction of its own.
+    """The measured motion. `corners`: a closed path through these points, m, on a
+    table; without any, each stroke goes `length_m` in a direction of its own.
     """
 
     seconds: float = 1.0  # of a stroke
@@ -150,7 +150,7 @@ class TrueStroke:
 def strokes_of(motion: Motion) -> list[TrueStroke]:
     """The strokes of a motion, in order. ValueError: it has no truth."""
     if motion.is_stroke is None or motion.position is None or motion.tip is None:
-        raise ValueError("a motion without truth has no known strokes")
+        raise ValueError("a motion without true poses has no known strokes")
     edges = np.flatnonzero(np.diff(motion.is_stroke.astype(int)))
     return [
         TrueStroke(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The made motions: what their sensors feel agrees with where they go."""
+"""The simulated motions: their sensors' readings agree with their paths."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The fields in which made motions take place."""
+"""The fields in which simulated motions take place."""
 
 from __future__ import annotations
 

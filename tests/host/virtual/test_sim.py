@@ -26,7 +26,7 @@ from imud.wire.frame import FrameDecoder
 ROOT = Path(__file__).resolve().parents[3]
 PYTHON = sys.executable
 
-# Stands in for the emulator: says what it was told, and how much motion came.
+# A substitute for the emulator: prints its arguments, and how much motion it received.
 ECHO = """
 import json, sys
 data = sys.stdin.buffer.read()
@@ -150,7 +150,9 @@ def test_what_is_missing_is_said_in_one_line_with_what_to_do(
 
 
 def test_a_named_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"none is not there; run `make firmware sim`"):
+    with pytest.raises(
+        FileError, match=r"none does not exist; run `make firmware sim`"
+    ):
         boards.NANO.find_simulator(tmp_path / "none")
 
 
@@ -219,7 +221,7 @@ def test_a_module_that_is_none_is_one_line(
 ) -> None:
     assert cli.main(["sim", "nano", *stand_in(ECHO), "--module", "best"]) == 1
     error = capsys.readouterr().err
-    assert "there is no module best; there are shop" in error
+    assert "no module best: use shop" in error
     assert error.count("\n") == 1
 
 
@@ -300,7 +302,7 @@ def test_the_hand_is_saved_as_it_is_felt(
 
 @pytest.fixture
 def running(stand_in: Any) -> Iterator[subprocess.Popen[str]]:
-    """`imud sim nano` over an emulator that goes on until it is asked to stop."""
+    """`imud sim nano` over an emulator that continues until it is asked to stop."""
     words = [PYTHON, "-m", "imud", "sim", "nano", *stand_in(STUBBORN)]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         yield process
@@ -326,8 +328,8 @@ def test_a_second_virtual_probe_does_not_take_the_port_of_the_first(
     with sim.held(link):
         assert cli.main(["sim", "nano", "--link", str(link), "--seconds", "1"]) == 1
         assert capsys.readouterr().err == (
-            f"imud: {link} is the port of another virtual probe; add --link {link}-2 "
-            "--seed 2 for one more, with an id of its own\n"
+            f"imud: {link} is the port of another virtual probe; pass --link {link}-2 "
+            "--seed 2 for a further one with its own id\n"
         )
         with sim.held(tmp_path / "other"):
             pass

@@ -46,8 +46,8 @@ def aim(
     room_ut_m: float = ROOM_UT_M,
 ) -> Motion:
     """It is waved for 19 s; then it points at targets within 30 degrees of each other,
-    holds each for 1 to 4 s with tremor and goes on within 0.5 to 1.5 s, on a forearm in
-    a room whose field differs by about 1 uT.
+    holds each for 1 to 4 s with tremor and moves on within 0.5 to 1.5 s, on a forearm
+    in a room whose field differs by about 1 uT.
     """
     random = np.random.default_rng([9, seed])
     t = np.arange(0.0, seconds, 1.0 / RATE_HZ)
@@ -115,7 +115,7 @@ def _felt(
     slope: FloatArray,
     random: np.random.Generator,
 ) -> Motion:
-    """What the sensors measure; `slope` of the field is in uT/m."""
+    """The sensors' readings; `slope` of the field is in uT/m."""
     quat = _attitudes(angles)
     step = rotation.multiply(rotation.inverse(quat[:-1]), quat[1:])
     rate = rotation.to_rotation_vector(step) * RATE_HZ

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Groups of made motions that tell whether stated errors are true: good modules in use,
-uneven fields, modules from the shop, and faults. docs/honesty.md lists them.
+"""Groups of simulated motions that show whether stated errors are true: good modules in
+use, uneven fields, modules from the shop, and faults. docs/honesty.md lists them.
 
 Even seeds are for tuning, odd ones for judging.
 """
@@ -95,7 +95,7 @@ GROUNDS = {
     "pointing": Ground("a good module on a forearm that points", pointing),
     "wand": Ground("waved by up to 600 deg/s, with a ring after", handling.waved),
     "vehicle": Ground("long turns of a vehicle", vehicle),
-    "robot": Ground("a robot's arm of four joints", robot_arm),
+    "robot": Ground("a robot arm with four joints", robot_arm),
     "arm": Ground(
         "a tool on an arm of 0.6 m, in a hall that differs by 8 uT/m",
         handling.arm,
@@ -108,7 +108,7 @@ GROUNDS = {
         params=OF_LARGE,
     ),
     "carried": Ground(
-        "carried to and fro by 0.25 m over iron, hardly turned",
+        "carried back and forth by 0.25 m over iron, hardly turned",
         handling.of(ways.carried, 68.0, 8.0),
         misleading.beneath_desk,
     ),
@@ -139,7 +139,7 @@ GROUNDS = {
         misleading.from_the_start(40.0, 2000.0),
     ),
     "steel": Ground(
-        "switched on upon steel, 15 to 300 uT, taken away after 12 s",
+        "switched on lying on steel, 15 to 300 uT, removed after 12 s",
         handling.of(ways.in_hand, 128.0, 8.0),
         misleading.on_steel,
     ),

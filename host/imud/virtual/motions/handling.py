@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Rides of a probe in use, at the rate of made motions: on a desk, waved like a wand,
-on an arm, and those of ways.py.
+"""Rides of a probe in use, at the rate of simulated motions: on a desk, waved like a
+wand, on an arm, and those of ways.py.
 """
 
 from __future__ import annotations

@@ -49,14 +49,14 @@ RUN = Gait((2.4, 4.0), (1.3, 1.5), (28, 38), (30, 42), (0.03, 0.05), (2e-3, 5e-3
 
 
 def walking(random: np.random.Generator) -> Ride:
-    """A shin of somebody who walks at 0.8 to 1.6 m/s: 6 to 20 s straight or in an arc,
+    """The shin of a person walking at 0.8 to 1.6 m/s: 6 to 20 s straight or in an arc,
     then a stop of 0.5 to 4 s with a turn of up to 180 degrees.
     """
     return _leg(random, WALK)
 
 
 def running(random: np.random.Generator) -> Ride:
-    """A shin of somebody who runs at 2.4 to 4 m/s, as in walking()."""
+    """The shin of a person running at 2.4 to 4 m/s, as in walking()."""
     return _leg(random, RUN)
 
 

@@ -31,12 +31,12 @@ def direction(random: Random) -> FloatArray:
 
 
 def left_behind(field_ut: FloatArray) -> Added:
-    """Of steel on which a probe lies at power-on: it leaves within 10 to 12 s."""
+    """The field of steel under a probe at power-on: it leaves within 10 to 12 s."""
     return Added(field_ut, lambda t: np.clip((12.0 - t) / 2.0, 0.0, 1.0))
 
 
 def mains(field_ut: FloatArray, hz: float, start_rad: float, from_s: float) -> Added:
-    """Of a motor or a power supply, as means over a reading."""
+    """The field of a motor or a power supply, averaged over a reading."""
     size = float(np.sinc(hz * READING_S))
     return Added(
         field_ut,
@@ -62,7 +62,7 @@ def under_desk(random: Random) -> tuple[Magnet, ...]:
 
 
 def under_floor(random: Random) -> tuple[Magnet, ...]:
-    """Under a floor that somebody walks on: differs by 2 uT."""
+    """Under a floor that a person walks on: differs by 2 uT."""
     return irons(random, 6, within_m=2.0, up_m=-1.3, moment_a_m2=60.0)
 
 

@@ -22,7 +22,7 @@ NO_MATRIX = np.zeros((3, 3))
 
 @dataclass(frozen=True, slots=True)
 class Module:
-    """What is wrong with a module. A matrix takes true vectors to measured ones."""
+    """The errors of a module. A matrix maps true vectors to measured ones."""
 
     gyr: FloatArray  # 3 x 3
     gyr_bias: FloatArray  # rad/s

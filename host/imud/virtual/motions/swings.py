@@ -86,7 +86,7 @@ def east_pendulum(_random: np.random.Generator) -> Ride:
 def one_axis(random: np.random.Generator) -> Ride:
     """Ten minutes about one axis that keeps its direction: level, upright or slanted.
 
-    It rests, turns at constant rates, turns by some angle, and swings to and fro.
+    It rests, turns at constant rates, turns by some angle, and swings back and forth.
     """
     t, rest_s = times(600.0), random.uniform(*REST_S)
     pieces, passed = [Piece(rest_s)], rest_s

@@ -76,7 +76,7 @@ def steady(t: FloatArray, value: float = 0.0) -> Curve:
 def _angles(
     t: FloatArray, random: Random, way: Curve, *each: tuple[float, float]
 ) -> list[Curve]:
-    """Angles that wander by so many degrees rms about so many Hz."""
+    """Angles that wander by some degrees rms at some Hz."""
     return [
         scaled(way * wandering(t, random, hz), degrees * DEGREE) for degrees, hz in each
     ]
@@ -105,7 +105,7 @@ def about_one_axis(random: Random, t: FloatArray, rest_s: float = 20.0) -> Rigid
 
 
 def carried(random: Random, t: FloatArray, rest_s: float = 8.0) -> RigidBody:
-    """Carried to and fro by 0.25 m rms at 0.8 Hz, hardly turned."""
+    """Carried back and forth by 0.25 m rms at 0.8 Hz, hardly turned."""
     way = begun(t, rest_s)
     wander = [way * wandering(t, random, 0.8) for _ in range(6)]
     place = scaled(stacked(*wander[:3]), 0.25)
