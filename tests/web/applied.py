@@ -14,11 +14,11 @@ from web.desk import Desk, Seen
 def apply_and_undo(shown: Seen, desk: Desk) -> None:
     """Judges the calibration under way, applies it, and takes it back."""
     page = shown.page
-    page.get_by_role("button", name="Judge now").click()
+    page.get_by_role("button", name="Finish now").click()
     page.get_by_text("not in force yet").wait_for()
     assert not desk.probe.params.records
     page.get_by_role("button", name="Apply").click()
-    page.get_by_text("The calibration is in force").wait_for()
+    page.get_by_text("The calibration is active").wait_for()
     found = Params.decode(desk.probe.params.records)
     acc, mag = found.calibration("acc"), found.calibration("mag")
     left = affine_errors(
@@ -26,5 +26,5 @@ def apply_and_undo(shown: Seen, desk: Desk) -> None:
     )
     assert left["tilt"] < 0.1
     page.locator("button:enabled").get_by_text("Undo", exact=True).click()
-    page.get_by_text("The params of before are in force").wait_for()
+    page.get_by_text("The previous params are active again").wait_for()
     assert not desk.probe.params.records

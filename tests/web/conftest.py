@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the page share: its server alone, a browser, and all of it
-together."""
+"""Shared by the tests of the page: its server alone, a browser, and both together."""
 
 from __future__ import annotations
 

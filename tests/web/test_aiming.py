@@ -65,11 +65,11 @@ def test_from_the_origin_two_degrees_are_reached_until_the_attitude_is_lost(
     desk.hand.turn(LEVEL, **USUAL, pose_flags=())
     open_aim(shown)
     page.get_by_role("button", name="Aim", exact=True).click()
-    says(shown, WORD, "On target, but not sure enough")
+    says(shown, WORD, "On target, but its error is too large")
     assert two_sigma(shown) > 3.5
     assert reached(shown) == 0
     says(shown, ADVICE, "set the origin. Or aim an axis at the vertical")
-    says(shown, ADVICE, "gravity tells that to ±0.8°")
+    says(shown, ADVICE, "gravity gives that to ±0.8°")
 
     set_origin(shown, desk)
     says(shown, '.numbers [data-part="since"]', "Errors since the origin")
@@ -86,7 +86,7 @@ def test_from_the_origin_two_degrees_are_reached_until_the_attitude_is_lost(
     assert not page.locator(ADVICE).is_visible()
 
     desk.hand.turn(LEVEL, **USUAL, pose_flags=("tared", "starting"))
-    says(shown, SIGMA, "Set the origin anew: the attitude was lost")
+    says(shown, SIGMA, "Set the origin again: the attitude was lost")
     assert page.get_attribute(".aim", "data-state") == "unsure"
     page.get_by_role("link", name="Probe", exact=True).click()
     says(shown, '.numbers [data-part="since"]', "not known: the attitude was lost")
@@ -120,7 +120,7 @@ def test_a_captured_target_is_reached_until_the_probe_restarts(
     desk.hand = Hand(desk.port, desk.probe)
     desk.hand.turn(LEVEL, **USUAL, pose_flags=())
     desk.hand.start()
-    says(shown, SIGMA, "Capture the target anew: it has restarted")
+    says(shown, SIGMA, "Capture the target again: it has restarted")
     page.wait_for_selector('.aim[data-state="unsure"]')
     assert two_sigma(shown) > 3.5
 
@@ -169,7 +169,7 @@ def test_chart_and_words_keep_apart_on_every_screen(
     with seen(browser, desk, viewport={"width": width, "height": height}) as shown:
         shown.page.evaluate(TARGET)
         shown.page.evaluate("location.hash = '#/aim'")
-        says(shown, ADVICE, "Nothing can be surer")
+        says(shown, ADVICE, "The error can't be below")
         boxes = [
             shown.page.locator(name).bounding_box() for name in ("header.top", ".polar")
         ]

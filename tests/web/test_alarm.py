@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the page does for whoever looks away: a sound, words, and a file."""
+"""The page for a user who looks away: a sound, words, and a file."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What browsers get and what they may do: coalesced poses, commands, roles."""
+"""The data and permissions of browsers: coalesced poses, commands, roles."""
 
 from __future__ import annotations
 

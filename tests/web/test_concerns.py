@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is wrong with a probe's sensors, on the page in Chromium."""
+"""Problems of a probe's sensors, on the page in Chromium."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from web.desk import Desk, Seen
 ADVICE = "accelerometer and gyroscope not calibrated: calibrate it"
 FAKE = "no magnetometer in this module (an MPU-6500 sold as an MPU-9250): no heading"
 FAILED = (
-    "the gyroscope failed its self-test (by the probe's own self-test): poses are not "
-    "to be trusted; replace the module"
+    "the gyroscope failed its self-test (by the probe's own self-test): don't trust "
+    "poses; replace the module"
 )
 ABSENT = "no answer at 0x68: check power, SDA, SCL, AD0 to GND"
 

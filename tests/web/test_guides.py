@@ -48,8 +48,8 @@ def mounting() -> Sequence[Sample]:
 # What the hand does for each kind, and what the result then says.
 WELL: dict[str, tuple[Callable[[], Sequence[Sample]], str]] = {
     "all": (calibrating, "of the field are level"),
-    "acc": (calibrating, "left over at the stops"),
-    "gyro": (calibrating, "left over after a turn"),
+    "acc": (calibrating, "residual at the stops"),
+    "gyro": (calibrating, "residual after a turn"),
     "mag": (waved, "of the field are level"),
     "mount": (mounting, "mounting"),
     "tip": (lambda: wobbled(Wobble(), 26.0), "mm from the sensor"),
@@ -79,7 +79,7 @@ def begin(shown: Seen, desk: Desk, kind: str, found: Sequence[Sample]) -> None:
 def judged(shown: Seen, desk: Desk) -> str:
     """The phase in which it ends, judged once the hand has done all."""
     while (phase := shown.page.evaluate(PHASE)) == "running":
-        button = shown.page.get_by_role("button", name="Judge now")
+        button = shown.page.get_by_role("button", name="Finish now")
         if not desk.hand._samples and button.is_visible():
             with contextlib.suppress(PlaywrightTimeout):  # it has just ended
                 button.click(timeout=500)
@@ -102,7 +102,7 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
     if kind != "verify":
         page.get_by_text("not in force yet").wait_for()
         page.get_by_role("button", name="Apply").click()
-        page.get_by_text("The calibration is in force").first.wait_for()
+        page.get_by_text("The calibration is active").first.wait_for()
         assert desk.probe.params.records != CALIBRATED.encode()
         Params.decode(desk.probe.params.records)
     desk.hand.pick_up()
@@ -122,7 +122,7 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
         shown.until("imud.viewName === 'calibrate'")
     if kind != "verify":
         page.get_by_role("button", name="Undo", exact=True).click()
-        page.get_by_text("The params of before are in force").first.wait_for()
+        page.get_by_text("The previous params are active again").first.wait_for()
         assert desk.probe.params.records == CALIBRATED.encode()
     assert "Done" in page.locator(SAYS).inner_text()
 
@@ -164,7 +164,10 @@ def test_each_kind_says_why_it_is_refused(shown: Seen, desk: Desk, kind: str) ->
         page.get_by_text("calibrate again").wait_for()
     else:
         assert phase == "refused"
-        assert "Refused. What was in force still is." in page.locator(SAYS).inner_text()
+        assert (
+            "Refused. The previous calibration stays active."
+            in page.locator(SAYS).inner_text()
+        )
         assert len(page.locator(".guide [role=alert]").inner_text()) > 20
     desk.hand.pick_up()
     assert desk.probe.params.records == CALIBRATED.encode()

@@ -18,7 +18,7 @@ def test_a_value_is_marked_from_the_page_and_from_elsewhere(
     shown: Seen, desk: Desk
 ) -> None:
     page = shown.page
-    page.get_by_text("A value that you measure at the tip").wait_for()
+    page.get_by_text("A value measured at the tip").wait_for()
     page.locator("canvas").focus()
     page.keyboard.press("m")
     page.keyboard.type("0,42")

@@ -33,7 +33,7 @@ def test_a_probe_is_followed_to_its_new_name_on_every_page(
         page.get_by_role("button", name="Rename").click()
         page.get_by_text("Rename: done").wait_for()
         for each in (shown, other):
-            each.page.get_by_text("nano-66aa is called stylus now").wait_for()
+            each.page.get_by_text("nano-66aa is now called stylus").wait_for()
             each.until("imud.model.selected === 'stylus' && imud.model.probe?.pose")
             assert each.page.evaluate("imud.model.names") == ["stylus"]
             assert each.page.locator("[aria-label=Probe]").input_value() == "stylus"

@@ -158,9 +158,9 @@ def test_beside_iron_it_is_refused_with_the_reason(
         hand.press("b", "Begin")
         trouble = "imud.model.probe?.calibration?.trouble"
         hand.until(f"{PHASE} === 'refused' || {trouble}?.includes('iron')", GUIDE_S)
-        # Whoever goes on in spite of that is refused.
+        # A user who continues despite that is refused.
         while hand.page.evaluate(PHASE) == "running":
-            hand.press("e", "Judge now")
+            hand.press("e", "Finish now")
             hand.page.wait_for_timeout(1000)
         assert hand.page.evaluate(PHASE) == "refused"
         why = hand.page.locator(".guide [role=alert]").inner_text()

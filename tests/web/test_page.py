@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The page in Chromium: it shows what the daemon says, does what is pressed, and says
-what it does not know."""
+"""The page in Chromium: it shows the daemon's data, obeys its buttons, and marks
+unknown values."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(
         assert desk.aims[-1]["error_deg"] == pytest.approx(pitch - 80, abs=1e-4)
         assert desk.aims[-1]["sigma_deg"] == page.evaluate(SIGMA)
     desk.hand.turn(attitude(40, 80, 10), tilt_sigma=0.1, heading_sigma=None)
-    page.get_by_text("how sure is not known").wait_for()
+    page.get_by_text("error unknown").wait_for()
     assert page.get_attribute(".aim", "data-state") == "unsure"
     assert page.locator(".protocol tbody tr").count() == 1
 
@@ -204,7 +204,7 @@ def test_a_probe_is_calibrated_from_empty_to_applied_and_back(
         assert shown.number("cal-tilt") < 0.1
         apply_and_undo(shown, desk)
     else:
-        page.get_by_role("button", name="Give up").click()
+        page.get_by_role("button", name="Cancel").click()
         page.get_by_role("button", name="Begin").wait_for()
     desk.hand.pick_up()
 

@@ -169,7 +169,7 @@ def test_an_operator_plays_no_log(log: Path) -> None:
     with contextlib.closing(served.page), served.live() as browser:
         browser.say(do="login", user="", secret=users.token)
         browser.say(do="play", id=1, name=log.name)
-        assert browser.next("answer")["error"] == "there are no logs for your role"
+        assert browser.next("answer")["error"] == "your role may not read logs"
         assert served.page.refused == {"role": 1}
 
 

@@ -80,4 +80,4 @@ def test_a_page_for_a_daemon_elsewhere_has_no_ports(served: Served) -> None:
     with served.live() as visitor:
         assert visitor.next("page")["ports"] is False
         visitor.say(do="ports", id=1)
-        assert visitor.next("answer")["error"] == "there are no ports for your role"
+        assert visitor.next("answer")["error"] == "your role may not change ports"

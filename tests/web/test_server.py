@@ -65,7 +65,7 @@ def test_another_sites_name_for_this_machine_is_refused(
 ) -> None:
     assert served.get("/", Host=host).status == 421
     assert served.page.refused == {"host": 1}
-    assert "name that is not this machine's" in served.notices[0]
+    assert "the request names another host" in served.notices[0]
 
 
 @pytest.mark.parametrize("host", ["localhost:9", "[::1]:9", "127.0.0.1", "127.0.0.9:1"])
@@ -214,5 +214,7 @@ def test_the_number_of_browsers_is_limited(served: Served) -> None:
 def test_a_port_that_is_taken_is_said_on_one_line(served: Served) -> None:
     host, _, port = served.host.partition(":")
     other = Page((host, int(port)), served.asked)
-    with pytest.raises(ListenFailed, match=r"in use; name another address with --page"):
+    with pytest.raises(
+        ListenFailed, match=r"in use; choose another address with --page"
+    ):
         other.start()

@@ -38,7 +38,7 @@ OFFERED = tuple(
     )
 )
 
-# Asks what `imud flash` asks, and says what it was told. How it ends is in the
+# Takes the questions of `imud flash`, and prints its arguments. Its outcome is in the
 # probe's name.
 PROGRAM = """
 import json, sys
@@ -84,7 +84,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
 
 
 def show(served: Served, probe: str, board: str = "nano", **hello: Any) -> None:
-    """What a daemon publishes of a probe."""
+    """A daemon's messages about a probe."""
     hello = {"board": board, "firmware": "0.2.9+7654321", "filter": "fuse"} | hello
     status = {"type": "status", "probe": probe, "state": "streaming", "hello": hello}
     params = {"type": "params", "probe": probe, "bytes": ""}
@@ -147,7 +147,7 @@ def test_firmware_is_for_who_may_command() -> None:
         with contextlib.closing(served.page), served.live() as visitor:
             visitor.say(do="login", user="", secret=users.token)
             visitor.say(do="update", id=1, probe="nobody")
-            why = "no probe nobody was heard" if is_allowed else "does not allow"
+            why = "there is no probe nobody" if is_allowed else "does not allow"
             assert why in visitor.next("answer")["error"]
 
 
@@ -173,7 +173,7 @@ def test_the_page_offers_what_is_newer_and_writes_it(
         name: page.locator(f"[data-probe={name}] [data-part=update]")
         for name in ("stylus", "newest", "other", "arm", "drive")
     }
-    boxes["arm"].get_by_text("In a shell: imud flash arm").wait_for()
+    boxes["arm"].get_by_text("To update, run: imud flash arm").wait_for()
     assert not boxes["arm"].get_by_role("button").is_visible()
     boxes["drive"].get_by_role("button", name="Update firmware").wait_for()
     for name in ("newest", "other"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What comes from others is what its checksums say, and ours is nobody's HTML."""
+"""Libraries of others match their checksums, and our code writes no HTML."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_each_vendored_file_has_its_checksum_and_its_licence() -> None:
 
 
 def faults_of(path: Path, files: Files) -> Iterator[str]:
-    """What is wrong with a file of the page."""
+    """The mistakes in a file of the page."""
     text = path.read_text()
     file = files.get(f"/{path.relative_to(SITE).as_posix()}")
     if file is None or file.kind != KINDS[path.suffix]:

@@ -23,7 +23,7 @@ _decode = msgspec.json.Decoder(_Head).decode
 
 
 def line_of(key: str, payload: bytes) -> tuple[Key, bytes] | None:
-    """What browsers get of a state by its Zenoh key; None: it is none."""
+    """The line for browsers of a state by its Zenoh key; None: it is not a state."""
     name = key.split("/")[-2]
     if len(payload) > STATE_MAX or b"\n" in payload:
         return None

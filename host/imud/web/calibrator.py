@@ -24,7 +24,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class Task(msgspec.Struct, frozen=True):
-    """What to do. `params`: the records in force, as hexadecimal digits."""
+    """The task. `params`: the active records, as hexadecimal digits."""
 
     probe: str
     kind: Kind
@@ -36,7 +36,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class RawSample(msgspec.Struct, frozen=True, tag="raw"):
-    """What a calibration needs of a published raw sample."""
+    """The part of a published raw sample that a calibration needs."""
 
     t_device_us: int
     acc_counts: Counts
@@ -47,7 +47,7 @@ class RawSample(msgspec.Struct, frozen=True, tag="raw"):
 
 
 class End(msgspec.Struct, frozen=True, tag="end"):
-    """Judge what there is."""
+    """Evaluate the samples so far."""
 
 
 decode = msgspec.json.Decoder(RawSample | End).decode

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What has arrived since the browsers were last served. Any thread may bring payloads;
-the server's loop takes them.
+"""Messages since the browsers were last served. Any thread may add payloads; the
+server's loop removes them.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Feed:
             }
 
     def swap(self) -> Mapping[Key, deque[bytes]]:
-        """What came since the last call."""
+        """Messages since the last call."""
         with self._lock:
             fresh, self._fresh = self._fresh, {}
         return fresh

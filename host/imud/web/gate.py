@@ -25,13 +25,13 @@ BROWSERS_MAX = 64
 RATE = Rate(at_once=750, a_second=50.0)
 
 REASONS = {
-    "host": "the page was asked for by a name that is not this machine's",
-    "origin": "a page of another site wants to connect",
+    "host": "the request names another host than this machine",
+    "origin": "a page of another site tried to connect",
     "path": "there is no such file",
     "connections": f"there are {CONNECTIONS_MAX} connections",
     "rate": f"more than {RATE.a_second:.0f} connections a second from its address",
     "browsers": f"there are {BROWSERS_MAX} browsers",
-    "unreadable": "what it sent is no HTTP request of a browser",
+    "unreadable": "it sent no valid HTTP request",
     "oversized": "its message was too long",
     "malformed": "its message was not one of the page's",
     "fault": "its message led to an internal error",
@@ -58,13 +58,13 @@ class Gate:
         """Counts a refusal, and tells the journal."""
         address = connection.remote_address
         self.refuse_peer(
-            reason, f"{address[0]}:{address[1]}" if address else "somebody"
+            reason, f"{address[0]}:{address[1]}" if address else "unknown client"
         )
 
     def refuse_peer(self, reason: str, client: str) -> None:
-        """The same for somebody whose connection was not taken."""
+        """The same for a client whose connection was not accepted."""
         self.refused[reason] += 1
-        text = f"page: {client} was refused: {REASONS[reason]}"
+        text = f"page: refused {client}: {REASONS[reason]}"
         self._on_notice(("page", reason), text, True)
 
     def enter(self, connection: Connection) -> bool:

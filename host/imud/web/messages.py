@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a browser may say: JSON objects with a `do`. Anything else is refused."""
+"""A browser's requests: JSON objects with a `do`. Anything else is refused."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ class _Message(
 
 
 class Login(_Message, frozen=True):
-    """Who uses the browser. With a token the name is empty."""
+    """The user's login. With a token the name is empty."""
 
     user: Secret
     secret: Secret
 
 
 class Watch(_Message, frozen=True):
-    """Of which probes' topics it wants every payload, how often it draws, and which
-    probe it looks at: poses of others are sent less often.
+    """The probes' topics of which it needs every payload, its drawing rate, and its
+    selected probe: poses of others are sent less often.
     """
 
     every: Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=16)] = ()
@@ -103,7 +103,7 @@ class Adopt(_Message, frozen=True):
 
 
 class Play(_Message, frozen=True):
-    """Plays a log so many times as fast as it was, from its beginning; of the one that
+    """Plays a log at this multiple of real time, from its beginning; of the one that
     is played, another speed. 0: stands still.
     """
 
@@ -142,7 +142,7 @@ _decode = msgspec.json.Decoder(BrowserMessage).decode
 
 
 def decode(message: str | bytes) -> BrowserMessage:
-    """Of one message; MsgspecError if it is none of these."""
+    """Decodes one message; MsgspecError if it is none of these."""
     try:
         found: BrowserMessage = _decode(message)
     except RecursionError:

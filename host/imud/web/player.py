@@ -59,7 +59,7 @@ class Schedule:
         self._from_ns = None
 
     def change(self, speed: float, at_ns: int, now_s: float) -> None:
-        """Goes on from that message at another speed."""
+        """Continues from that message at another speed."""
         self._speed, self._from_ns, self._from_s = speed, at_ns, now_s
 
 
@@ -72,7 +72,7 @@ class Player:
         self._batch: dict[Key, list[bytes]] = {}
         self._sent_s = time.monotonic()
         self._at_ns = 0
-        self._wanted_ns: int | None = None  # where to go on
+        self._wanted_ns: int | None = None  # where to continue
 
     def play(self, path: Path) -> None:
         """Until the input ends. At its end the log stands still."""

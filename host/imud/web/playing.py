@@ -43,12 +43,12 @@ class Playing:
         self._task.add_done_callback(self._ended)
 
     def set_speed(self, speed: float) -> None:
-        """Goes on so many times as fast as it was; 0: stands still."""
+        """Continues at this multiple of real time; 0: paused."""
         self._speed = speed
         processes.write(self._process, str(speed).encode())
 
     def seek(self, t_ms: float) -> None:
-        """Goes on at that UTC, ms."""
+        """Continues at that UTC, ms."""
         self._early_ms = t_ms if self._process is None else None
         processes.write(self._process, SEEK + str(round(t_ms * 1e6)).encode())
 

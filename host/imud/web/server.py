@@ -45,7 +45,7 @@ CLOSE_S = 0.5
 PATIENCE_S = 2.0  # to wait for the thread to start
 WRITING_S = 30.0  # to wait for its end: a board may be half written
 
-# Who gives the commands of a guided calibration, and of an update.
+# The user named for the commands of a guided calibration, and of an update.
 BY_GUIDE = "page"
 
 # The version changes with what would break a program: docs/stream.md.
@@ -129,12 +129,12 @@ class Page:
         self._thread.close(WRITING_S)
 
     def publish(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
-        """What was published, by probe and topic: JSON on one line."""
+        """Adds published messages, by probe and topic: JSON on one line."""
         self._feed.add(payloads)
 
     def forget(self) -> None:
-        """Probes may have other names from now on: what new browsers begin with comes
-        anew.
+        """Probes may have other names from now on: the first lines for new browsers are
+        made again.
         """
         self._feed.forget()
 
@@ -200,7 +200,7 @@ class Page:
     def _request(
         self, connection: ServerConnection, request: Request
     ) -> Response | None:
-        """The answer to a request; None lets the WebSocket's handshake go on."""
+        """The answer to a request; None lets the WebSocket's handshake continue."""
         if isinstance(connection, Connection):
             connection.is_answered = True
         if (found := doors.refusal(request, self._origins)) is not None:

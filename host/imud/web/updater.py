@@ -73,7 +73,7 @@ class FirmwareUpdate:
             self._error = error.strerror or "it can't be started"
         else:
             if code != 0 and not self._error:
-                self._error = "it ended early: the journal of imud may tell why"
+                self._error = "it ended early; see the journal of imud"
         finally:
             await processes.end(process)
             self._share = None
@@ -128,7 +128,7 @@ class Updates:
     def begin(self, probe: str) -> None:
         """Begins one; UpdateError if there is one of that probe, or no such probe."""
         if self._feed.known((probe, "status")) is None:
-            raise UpdateError(f"no probe {probe} was heard")
+            raise UpdateError(f"there is no probe {probe}")
         before = self._all.get(probe)
         if before is not None and not before.is_over:
             raise UpdateError("this probe is being updated")

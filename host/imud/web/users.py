@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Who may use the page, and for what: everybody where there are no keys, else the users
+"""Users of the page and their permissions: everybody without keys, otherwise the users
 of `imud keys` with their passwords, each by its role.
 """
 
@@ -24,7 +24,7 @@ TOPICS = LATEST | STREAMS | EVENTS
 
 
 class Grant(msgspec.Struct, frozen=True):
-    """What somebody may do on the page."""
+    """What a user may do on the page."""
 
     role: str
     reads: frozenset[str]  # topics
@@ -74,7 +74,7 @@ class Users(Protocol):
 
 
 class Everybody:
-    """Without keys: whoever reaches the page may do everything."""
+    """Without keys: everybody who reaches the page may do everything."""
 
     def at_first(self) -> Grant:
         return EVERYTHING

@@ -44,9 +44,9 @@ Answer = Callable[[bytes, str], None]
 OnAsk = Callable[[str, str, dict[str, str], Answer, str], None]
 
 TOO_MUCH = "too many commands at once"
-NO_LOGS = "there are no logs for your role"
-NO_UPDATES = "your role does not allow new firmware"
-NO_PORTS = "there are no ports for your role"
+NO_LOGS = "your role may not read logs"
+NO_UPDATES = "your role may not update firmware"
+NO_PORTS = "your role may not change ports"
 ASKS_MAX = 8  # commands of one browser that are not yet answered
 LOGINS_MAX = 3
 LOGIN_PAUSE_S = 0.5  # after a wrong password
@@ -61,7 +61,7 @@ class PortDesk(Protocol):
 
 
 class Host(msgspec.Struct, frozen=True):
-    """What all visits share."""
+    """State shared by all visits."""
 
     gate: Gate
     feed: Feed
@@ -242,7 +242,7 @@ class Visit:
     async def _calibrate(self, request: Calibrate) -> None:
         if not (self._grant.commands and CALIBRATION in self._grant.reads):
             self._host.gate.refuse("role", self._connection)
-            self._say_answer(request.id, b"", "your role does not allow to calibrate")
+            self._say_answer(request.id, b"", "your role may not calibrate")
             return
         guides = self._host.guides
         try:
@@ -275,7 +275,7 @@ class Visit:
         reason = reason or ("busy" if self._asking >= ASKS_MAX else "")
         if reason:
             self._host.gate.refuse(reason, self._connection)
-            words = "your role does not allow commands"
+            words = "your role may not send commands"
             words = TOO_MUCH if reason == "busy" else words
             self._say_answer(asked.id, b"", words)
             return

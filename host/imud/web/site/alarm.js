@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// A sound when the poses of the selected probe stop, and another when they come again, for
-// whoever looks at their hands. Off until somebody asks for it.
+// A sound when the poses of the selected probe stop, and another when they resume, for
+// a user who looks at their hands. Off until the user enables it.
 
 import { keep, kept, make } from "./dom.js";
 import { allowSound, chime } from "./sound.js";

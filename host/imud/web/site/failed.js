@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What stands in place of a view that has failed: why, and what to do about it.
+// Replaces a view that has failed: the cause, and the remedy.
 
 import { make, save } from "./dom.js";
 
@@ -13,8 +13,8 @@ import { make, save } from "./dom.js";
 
 /**
  * @param {Failure} about
- * @param {() => void} again opens the view anew
- */
+ * @param {() => void} again reopens the view
+ * */
 export function failed(about, again) {
   const { title, error } = about;
   const text = report(about);
@@ -26,7 +26,7 @@ export function failed(about, again) {
       "div",
       { class: "card" },
       make("h1", {}, `${title} has failed`),
-      make("p", {}, "That is a fault of this page, not of the probe. All other views go on, and so does the daemon."),
+      make("p", {}, "This is a bug in the page, not in the probe. All other views and the daemon keep working."),
       make("pre", {}, words),
       make(
         "div",
@@ -37,7 +37,7 @@ export function failed(about, again) {
       make(
         "p",
         { class: "muted" },
-        "The report has the fault, where it happened, and the versions of imud and of this browser: send it with your bug report.",
+        "The report contains the error, its place in the code, and the versions of imud and of this browser: attach it to your bug report.",
       ),
     ),
   );

@@ -5,7 +5,7 @@
 const FIGURE_SPACE = "\u2007";
 const MINUS = "\u2212";
 
-/** What stands in place of a number that is not known. */
+/** Shown instead of an unknown number. */
 export const UNKNOWN = "\u2013";
 
 /**

@@ -17,8 +17,8 @@ const WORDS = {
   lost: "disconnected",
 };
 const BANNERS = /** @type {Record<string, string>} */ ({
-  silent: "The daemon does not answer. What is shown is old.",
-  lost: "Disconnected from the daemon. What is shown is old. Connecting again…",
+  silent: "The daemon does not answer. The data shown are old.",
+  lost: "Disconnected from the daemon. The data shown are old. Reconnecting…",
 });
 /** @type {Record<string, string>} what others have done */
 const DONE = {
@@ -172,7 +172,7 @@ export class Header {
     this._login.setOpen(this._model.link.state === "login");
   }
 
-  /** Says what is wrong with all of what is shown. */
+  /** Shows a warning if the data shown are not current. */
   _warn() {
     const { link, names, selected, probes } = this._model;
     let text = BANNERS[link.state] ?? "";

@@ -7,7 +7,7 @@
 /** @typedef {{ resolve: (answer: any) => void, reject: (error: Error) => void }} Waiting */
 
 // The server says something every 0.2 s; after a second without, it is silent, and after
-// three the connection is made anew.
+// three it connects again.
 const SILENT_MS = 1000;
 const DEAD_MS = 3000;
 const RETRY_MS = [100, 250, 500, 1000];
@@ -142,10 +142,10 @@ export class Link extends EventTarget {
   }
 
   /**
-   * Plays a log in the place of what is live, so many times as fast; 0: stands still.
+   * Plays a log instead of live data, at this multiple of real time; 0: paused.
    * @param {string} name
    * @param {number} speed
-   */
+   * */
   play(name, speed) {
     return this._request({ do: "play", name, speed });
   }

@@ -4,7 +4,7 @@
 
 import { make, say } from "./dom.js";
 
-/** A dialog that stays until somebody has logged in. */
+/** A dialog that stays open until the login succeeds. */
 export class LoginDialog {
   /** @param {import("./link.js").Link} link */
   constructor(link) {
@@ -26,7 +26,7 @@ export class LoginDialog {
         },
       },
       make("h1", {}, "Who are you?"),
-      make("p", { class: "muted" }, "This daemon admits users of imud keys only."),
+      make("p", { class: "muted" }, "This daemon admits only users with keys from imud keys."),
       make("label", { class: "field" }, "User", this._user),
       make("label", { class: "field" }, "Password", this._secret),
       this._error,

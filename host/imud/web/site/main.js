@@ -21,18 +21,16 @@ import { SignalsView } from "./views/signals.js";
  * @property {HTMLElement} element
  * @property {readonly string[]} every topics of which it needs every payload
  * @property {[string, string][]} [more] others than the selected probe, and their topics
- * @property {number} [hz] how often it needs news at most; else as often as is drawn
- * @property {(nowMs: number) => void} draw
- * @property {() => void} close
+ * @property {number} [hz] the highest rate of data that it needs; otherwise the rate of
+ * drawing @property {(nowMs: number) => void} draw @property {() => void} close
  * @property {Record<string, [string, () => void]>} keys what a key does, and how
- * @property {() => void} [recolour] the theme has changed
- * @property {(hz: number) => void} [adapt] so many frames a second were drawn
- */
+ * @property {() => void} [recolour] the theme has changed @property {(hz: number) =>
+ * void} [adapt] so many frames a second were drawn */
 
 /**
- * Those of one probe begin anew with another one: nothing of the one before stays.
+ * Those of one probe restart with another one: nothing of the previous one stays.
  * @type {Record<string, { title: string, make: (model: Model) => View, isOfOne?: true }>}
- */
+ * */
 export const VIEWS = {
   probe: { title: "Probe", make: (model) => new ProbeView(model), isOfOne: true },
   signals: { title: "Signals", make: (model) => new SignalsView(model) },
@@ -62,7 +60,7 @@ class Page {
     this.viewProbe = "";
     this.frames = 0;
     this._rate = { sinceMs: performance.now(), frames: 0, hz: 60 };
-    // That of the file is there before any script.
+    // The header in index.html exists before any script runs.
     document.querySelector("body > header")?.remove();
     document.body.append(...this.header.elements, this.main);
     addEventListener("hashchange", () => this.route());
@@ -97,16 +95,16 @@ class Page {
   }
 
   /**
-   * Goes on with the probe under its new name; the old address would lead to nothing.
+   * Continues with the probe under its new name; the old address would lead to nothing.
    * @param {{ label: string, to: string }} names
    */
   follow({ label, to }) {
     this.viewProbe = to;
     history.replaceState(null, "", `#/${this.viewName}/${encodeURIComponent(to)}`);
-    tell(`${label} is called ${to} now`);
+    tell(`${label} is now called ${to}`);
   }
 
-  /** Makes the view anew; in its place what went wrong, if that fails. */
+  /** Recreates the view; in its place what went wrong, if that fails. */
   open() {
     const { title } = VIEWS[this.viewName];
     document.title = `${title} · imud`;
@@ -122,7 +120,7 @@ class Page {
 
   /**
    * Does something for the view. If that fails the view is put out of work and says so:
-   * header, connection and all other views go on.
+   * header, connection and all other views continue.
    * @param {() => void} work
    */
   guarded(work) {
@@ -138,7 +136,7 @@ class Page {
       try {
         view?.close();
       } catch {
-        // What has failed may fail at this, too; it is not shown any more.
+        // A failed view may fail at this as well; it is no longer shown.
       }
     }
   }

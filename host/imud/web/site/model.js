@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What the page knows of the probes: the last of each kind of message, and when it came.
+// The page's data of the probes: the last message of each kind, and its arrival.
 
 import { Marks } from "./marks.js";
 import { Strokes } from "./strokes.js";

@@ -52,13 +52,13 @@ export class PlayBar {
     model.addEventListener("list", () => this._show());
   }
 
-  /** What keys do while a log is played. */
+  /** Keys while a log is played. */
   get keys() {
     return /** @type {import("./keys.js").Map} */ (
       this.element.hidden
         ? {}
         : {
-            k: ["log: pause or go on", () => this._toggle()],
+            k: ["log: pause or continue", () => this._toggle()],
             ",": ["log: 5 s back", () => this._jump(-JUMP_MS)],
             ".": ["log: 5 s forward", () => this._jump(JUMP_MS)],
           }
@@ -86,7 +86,7 @@ export class PlayBar {
     const where = played?.over ? `${time}, the end` : time + since;
     say(this._where, where);
     mark(this._slider, "aria-valuetext", where);
-    say(this._pause, this._isPaused ? "Go on" : "Pause");
+    say(this._pause, this._isPaused ? "Continue" : "Pause");
   }
 
   _show() {

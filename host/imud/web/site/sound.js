@@ -8,7 +8,7 @@ const NOTE_S = 0.14;
 /** @type {AudioContext | null} */
 let context = null;
 
-/** Allows sounds; to be called while somebody presses something. */
+/** Allows sounds; to be called while the user presses a button or key. */
 export function allowSound() {
   context ??= new AudioContext();
   void context.resume();

@@ -28,7 +28,7 @@ export class Strokes {
     this.last = null; // the last message
     /** @type {Line | null} */
     this.closing = null; // the path as the daemon has closed it, until the next stroke
-    this.version = 0; // changes with what there is to draw
+    this.version = 0; // changes when there is more to draw
     this._probe = "";
     /** @type {Vector | null} */
     this._path = null; // of the sensor, at the last end

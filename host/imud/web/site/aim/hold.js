@@ -21,7 +21,7 @@
  * @property {readonly number[]} target_q
  */
 
-/** Counts the time within tolerance; any pose outside begins anew. */
+/** Counts the time within tolerance; any pose outside restarts it. */
 export class Hold {
   constructor() {
     /** @type {number | null} */
@@ -31,7 +31,7 @@ export class Hold {
     this.isDone = false;
   }
 
-  /** Begins anew, for another target or another try. */
+  /** Restarts, for another target or another try. */
   clear() {
     this._since = null;
     this._bound = 0;

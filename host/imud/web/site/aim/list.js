@@ -47,7 +47,7 @@ export class List {
         make("label", { class: "button" }, "Load", file),
         make("button", { onclick: () => this._save() }, "Save"),
       ),
-      make("label", { class: "check" }, this._goesOn, "go on to the next by itself"),
+      make("label", { class: "check" }, this._goesOn, "go to the next automatically"),
       make("label", { class: "check" }, this._sounds, "sound when reached"),
     );
   }
@@ -108,7 +108,7 @@ export class List {
     }
     try {
       if (file.size > FILE_MAX) {
-        throw new Error("it is too long for a list of targets");
+        throw new Error("the file is too long for a list of targets");
       }
       const count = this._targets.load(await file.text(), this._convention);
       this.show(this._chosen);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What was reached, when, and how surely; this browser keeps it until it is cleared.
+// The reached targets, with time and error; this browser keeps them until they are
+// cleared.
 
 import { keep, kept, make, save, scrolling } from "../dom.js";
 import { fixed } from "../format.js";

@@ -14,7 +14,7 @@ import { voidWords } from "../views/words.js";
 
 const WORDS = {
   reached: "On target",
-  unsure: "On target, but not sure enough",
+  unsure: "On target, but its error is too large",
   off: "Move the cross into the circle",
 };
 
@@ -30,12 +30,12 @@ const SINCE = { origin: ", since the origin", capture: ", since it was captured"
 function doubtWords({ sigma, since, lost }, isCaptured) {
   const how = since === null ? "" : SINCE[since];
   const doubt =
-    sigma === null ? "how sure is not known" : `± ${fixed(SIGMAS * sigma, 2)}° (two sigma${how})`;
+    sigma === null ? "error unknown" : `± ${fixed(SIGMAS * sigma, 2)}° (two sigma${how})`;
   if (lost === null) {
     return doubt;
   }
   const what = isCaptured ? "Capture the target" : "Set the origin";
-  return `${doubt}. ${what} anew: ${voidWords(lost)}`;
+  return `${doubt}. ${what} again: ${voidWords(lost)}`;
 }
 
 /**
@@ -54,9 +54,9 @@ function adviceOf({ sigma, since, lost }, pose, { tolerance_deg: tolerance, capt
   const known = since !== "origin" || turn === null ? "" : ` Its heading since then is known to ±${fixed(SIGMAS * turn, 1)}°.`;
   const byGravity =
     tilt !== null && SIGMAS * tilt < tolerance
-      ? ` Or aim an axis at the vertical: gravity tells that to ±${fixed(SIGMAS * tilt, 1)}°.`
+      ? ` Or aim an axis at the vertical: gravity gives that to ±${fixed(SIGMAS * tilt, 1)}°.`
       : "";
-  return `Nothing can be surer than ±${fixed(SIGMAS * sigma, 1)}° now: ${what}${again}.${known}${byGravity}`;
+  return `The error can't be below ±${fixed(SIGMAS * sigma, 1)}° now: ${what}${again}.${known}${byGravity}`;
 }
 
 /** Text that is read at a distance. */

@@ -85,7 +85,7 @@ export function doubtOf(pose, target, aim) {
   if (since !== null && since.void === null) {
     return { sigma: sigmaOf(pose, since, target.axis, 1), since: "origin", lost: null };
   }
-  // What the origin was wrong by counts, too, and about as much.
+  // The error of the origin also counts, and is about as large.
   const ends = pose.flags.includes("tared") ? Math.SQRT2 : 1;
   return {
     sigma: sigmaOf(pose, pose, target.axis, ends),

@@ -51,15 +51,15 @@ export class Targets {
   }
 
   /**
-   * Adds the targets of a JSON or CSV file; an Error says what is wrong with it.
+   * Adds the targets of a JSON or CSV file; an Error describes its mistake.
    * @param {string} text
    * @param {Convention} convention of angles in the file
-   */
+   * */
   load(text, convention) {
     const isJson = /^\s*[[{]/.test(text);
     const found = readAll(isJson ? JSON.parse(text) : rowsOf(text), convention, false);
     if (found.length === 0) {
-      throw new Error("there is no target in it: name, and q or yaw, pitch, roll");
+      throw new Error("it has no target, which needs name, and q or yaw, pitch, roll");
     }
     for (const target of found) {
       this.add(target);

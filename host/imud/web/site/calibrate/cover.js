@@ -28,7 +28,7 @@ function directions() {
   return all;
 }
 
-/** What turns with the probe. */
+/** The part that turns with the probe. */
 export class Cover {
   constructor() {
     this.group = new three.Group();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What to do now, how far it is, and how good it would be.
+// The current instruction, the progress, and the expected errors.
 
 import { make, mark, say } from "../dom.js";
 import { fixed } from "../format.js";
@@ -14,15 +14,15 @@ export const KINDS = {
   acc: "accelerometer alone",
   gyro: "gyroscope alone",
   mag: "magnetometer alone, by waving",
-  mount: "how it is mounted, five poses",
-  tip: "where the tip is, by wobbling",
+  mount: "mounting of the module, five poses",
+  tip: "position of the tip, by wobbling",
   verify: "check, in ten seconds",
 };
 
 /** @type {Record<string, string>} */
 const FIRST = {
-  none: "Choose what to calibrate. You need a table, and half an arm of distance from iron.",
-  refused: "Refused. What was in force still is.",
+  none: "Choose what to calibrate. You need a table, at least half an arm's length away from iron.",
+  refused: "Refused. The previous calibration stays active.",
   done: "Done.",
 };
 
@@ -33,8 +33,8 @@ export class GuideCard {
     const options = Object.entries(KINDS).map(([value, text]) => make("option", { value }, text));
     this.kind = make("select", { "aria-label": "What to calibrate" }, ...options);
     this.begin = make("button", { class: "primary", onclick: begin }, "Begin");
-    this._end = make("button", { onclick: end }, "Judge now");
-    this._stop = make("button", { onclick: stop }, "Give up");
+    this._end = make("button", { onclick: end }, "Finish now");
+    this._stop = make("button", { onclick: stop }, "Cancel");
     this._says = make("p", { class: "says", role: "status", "data-part": "says" });
     this._trouble = make("p", { class: "notice", role: "alert", hidden: true });
     this._mount = new MountPicture();

@@ -76,7 +76,7 @@ export class MountPicture {
     }
     this._shown = mount.words;
     const [first, ...rest] = mount.words;
-    say(this._words, `${first.toUpperCase()}${rest.join("")}. That is taken into account.`);
+    say(this._words, `${first.toUpperCase()}${rest.join("")}. The calibration allows for it.`);
     const base = BASE.map((corner) => at(corner, 0.8)).join(" ");
     const [frontX, frontY] = at(["front"], 1.25).split(",").map(Number);
     this._picture.replaceChildren(

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What came of a calibration: the errors to expect, what is left over, apply and undo.
+// The result of a calibration: the errors to expect, the residuals, apply and undo.
 
 import { make, mark, say } from "../dom.js";
 import { fixed, sigma } from "../format.js";
@@ -25,12 +25,12 @@ function left(name, residual) {
     return "calibrated";
   }
   if (name === "acc") {
-    return `${fixed((1000 * residual) / GRAVITY, 2)} mg left over at the stops`;
+    return `${fixed((1000 * residual) / GRAVITY, 2)} mg residual at the stops`;
   }
   if (name === "gyr") {
-    return `${fixed(residual * DEGREES, 2)}° left over after a turn`;
+    return `${fixed(residual * DEGREES, 2)}° residual after a turn`;
   }
-  return `${fixed(residual, 2)} µT left over`;
+  return `${fixed(residual, 2)} µT residual`;
 }
 
 /** A card; hidden until there is a result. */
@@ -109,7 +109,7 @@ function lastStep({ pose, status }, isFresh) {
     const why = (tilt === null ? noTilt : noTurn) ?? "it is finding level and north: a few seconds";
     return `Nearly there: ${why}.`;
   }
-  return `Ready. As it lies now: tilt ${sigma(tilt)}, heading ${sigma(turn)}; two of three true errors are smaller.`;
+  return `Ready. As it lies now: tilt ${sigma(tilt)}, heading ${sigma(turn)}; two thirds of true errors are smaller.`;
 }
 
 /**

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What is to be done to align the limb, its probes, its angles with their errors, and the
-// last events of its gait.
+// The instruction for aligning the limb, its probes, its angles with their errors, and
+// the last events of its gait.
 
 import { make, mark, say } from "../dom.js";
 import { fixed, micros, UNKNOWN } from "../format.js";

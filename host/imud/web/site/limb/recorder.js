@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
 // Ten minutes of a limb: its angles, its foot from its root, and the events of its gait.
-// What is missing is kept as missing.
+// Missing values are kept as missing.
 
 import { History } from "../signals/history.js";
 
@@ -42,9 +42,9 @@ export class LimbRecorder {
   }
 
   /**
-   * Columns and plots for the joints of a state, anew where they are others.
+   * Columns and plots for the joints of a state, replaced if the joints differ.
    * @param {Line} state
-   */
+   * */
   _build(state) {
     const joints = /** @type {Line[]} */ (state.joints);
     const names = joints.map((joint) => Object.keys(joint.angles_deg));

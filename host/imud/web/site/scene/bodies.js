@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What turns: the probe with its nose along x, or a cuboid with its axes on the faces, as
-// in section 7.1.3 of the NECTEC paper.
+// The turning body: the probe with its nose along x, or a cuboid with its axes on the
+// faces, as in section 7.1.3 of the NECTEC paper.
 
 import * as three from "../vendor/three/three.module.min.js";
 import { arrow, matt, segments, word } from "./parts.js";

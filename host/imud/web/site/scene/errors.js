@@ -34,7 +34,7 @@ export class Errors {
     scene.add(this._sector, this._needle);
   }
 
-  /** Puts the cone back on a body that was made anew. */
+  /** Puts the cone back on a body that was rebuilt. */
   attach() {
     this._body.add(this._cone);
   }

@@ -30,7 +30,7 @@ export class View3d {
     this.canvas = this._renderer.domElement;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
-    this.describe("A picture that is drawn once there is a pose");
+    this.describe("A picture, drawn once a pose arrives");
     parent.append(this.canvas);
     this._camera = new three.PerspectiveCamera(32, 1, 0.1, 50);
     this._camera.up.set(0, 0, 1);

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What stands still: the horizon with its compass ring, and the axes east, north, up. With
-// an origin of its own, a probe's world is that origin: no ring of it knows where north is.
+// The fixed world: the horizon with its compass ring, and the axes east, north, up.
+// With an origin of its own, a probe's world is that origin: no ring of it knows where
+// north is.
 
 import * as three from "../vendor/three/three.module.min.js";
 import { arrow, flat, segments, word } from "./parts.js";

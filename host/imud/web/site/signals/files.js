@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What is seen, as a file: the rows of the window as CSV, the plots as PNG.
+// The visible data as a file: the rows of the window as CSV, the plots as PNG.
 
 /** @typedef {import("./history.js").History} History */
 /** @typedef {import("./chart.js").Chart} Chart */

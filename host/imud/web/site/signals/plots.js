@@ -135,5 +135,5 @@ export const PLOTS = [
   },
 ];
 
-/** What is shown at first. */
+/** The plots shown at first. */
 export const FIRST = ["attitude", "sigma", "delay"];

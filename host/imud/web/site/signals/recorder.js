@@ -74,7 +74,7 @@ export class Recorder {
     this._fusedUs = -Infinity;
   }
 
-  /** Begins anew: for another probe or another convention of angles. */
+  /** Restarts: for another probe or another convention of angles. */
   clear() {
     this.pose.clear();
     this.raw.clear();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// What of a history is drawn: all rows of a window, or the least and greatest value of
-// each bin where there are more rows than pixels.
+// The rows of a history to draw: all rows of a window, or the least and greatest value
+// of each bin where there are more rows than pixels.
 
 /** @typedef {import("./history.js").History} History */
 

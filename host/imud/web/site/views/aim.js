@@ -91,7 +91,7 @@ export class AimView {
     link.ask(selected, "aim", parameters).catch(() => {});
   }
 
-  /** What the daemon should know of the target. */
+  /** The target as the daemon needs it. */
   get _aim() {
     if (this._target === null) {
       return "off=1";
@@ -120,7 +120,7 @@ export class AimView {
     const isStale = probe === undefined || probe.isStale(nowMs) || link.state !== "open";
     mark(this.element, "data-stale", isStale);
     if (pose === null || target === null) {
-      this._reading.none(target === null ? "Enter a target, or capture one" : "No pose yet");
+      this._reading.none(target === null ? "Enter or capture a target" : "No pose yet");
       this._polar.clear();
       mark(this.element, "data-state", "off");
       return;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// Calibrates the selected probe: says how to lay it, shows what has been covered, and
+// Calibrates the selected probe: guides the user, shows the covered directions, and
 // puts the result in force.
 
 import { make } from "../dom.js";
@@ -45,8 +45,8 @@ export class CalibrateView {
     );
     this.keys = /** @type {import("../keys.js").Map} */ ({
       b: ["begin", () => this._guide.begin.click()],
-      e: ["judge what there is", () => this._do("end")],
-      x: ["give up", () => this._do("stop")],
+      e: ["finish now", () => this._do("end")],
+      x: ["cancel", () => this._do("stop")],
       y: ["apply", () => this._result.apply.click()],
       u: ["undo", () => this._result.undo.click()],
     });
@@ -151,7 +151,7 @@ export class CalibrateView {
     }
     try {
       await link.ask(selected, "params", { records });
-      tell(which === "outcome" ? "The calibration is in force" : "The params of before are in force");
+      tell(which === "outcome" ? "The calibration is active" : "The previous params are active again");
     } catch (error) {
       tell(error instanceof Error ? error.message : String(error), true);
     }

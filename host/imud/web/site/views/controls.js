@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// Commands to the selected probe: each button says what happened.
+// Commands to the selected probe: each button shows its result.
 
 import { alarmChoice } from "../alarm.js";
 import { make, mark, say } from "../dom.js";
@@ -97,7 +97,7 @@ export class Controls {
       mark(button, "disabled", !isOn);
     }
     const isReadOnly = link.state === "open" && !page.commands;
-    say(this._why, isReadOnly ? `As a ${page.role} you may look, not command.` : "");
+    say(this._why, isReadOnly ? `As a ${page.role} you can't send commands.` : "");
     this._why.hidden = !isReadOnly;
     const state = probe?.state(performance.now());
     const isStreaming = state === "streaming";
@@ -135,7 +135,7 @@ export class Controls {
 
   _setOrigin() {
     if (this._model.probe?.pose?.flags.includes("starting")) {
-      tell("Set origin: wait until it has found level and north; one that is set now would not hold", true);
+      tell("Set origin: wait until the probe has found level and north; an origin set now would be lost", true);
       return;
     }
     this._run("Set origin", [["tare", { what: this._origin.value }]]);
@@ -200,10 +200,10 @@ export class Controls {
   }
 
   /**
-   * Sends commands one after the other, and tells what came of them.
+   * Sends commands one after the other, and shows their results.
    * @param {string} what
    * @param {[string, Record<string, string>][]} commands
-   */
+   * */
   async _run(what, commands) {
     const probe = this._model.selected;
     if (!probe || !this._model.mayCommand) {

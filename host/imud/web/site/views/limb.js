@@ -34,11 +34,11 @@ export class LimbView {
     this._empty = make(
       "p",
       { class: "empty" },
-      "No limb yet. Strap a probe to each segment, say in a file which one is where, and run ",
+      "No limb yet. Strap a probe to each segment, list the probes and segments in a file, and run ",
       make("b", {}, "imud body leg.toml"),
-      " beside the daemon. A leg to try, without any probe: ",
+      " with the daemon running. To try a leg without any probe: ",
       make("b", {}, "imud sim leg"),
-      ", which says what to run next.",
+      ", which prints the next commands.",
     );
     this._align = new AlignCard();
     this._angles = new AnglesCard();

@@ -26,7 +26,7 @@ export class MarksCard {
     this._about = make(
       "p",
       { class: "muted small" },
-      "A value that you measure at the tip, or a note: it goes into the log with the pose of that moment.",
+      "A value measured at the tip, or a note: it is logged with the current pose.",
     );
     const submit = (/** @type {Event} */ event) => {
       event.preventDefault();

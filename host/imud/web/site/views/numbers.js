@@ -57,7 +57,7 @@ class Quantity {
  */
 function sinceWords(since) {
   if (since.void !== null) {
-    return `Errors since the origin are not known: ${voidWords(since.void)}. Set it anew.`;
+    return `Errors since the origin are unknown: ${voidWords(since.void)}. Set the origin again.`;
   }
   return `Errors since the origin, ${span(since.age_s ?? 0)} ago`;
 }
@@ -98,7 +98,7 @@ export class Numbers {
         ...rows(this._yaw, this._pitch, this._roll),
       ),
       this._since,
-      make("p", { class: "muted small" }, "± is one sigma: two of three true errors are smaller."),
+      make("p", { class: "muted small" }, "± is one sigma: two thirds of true errors are smaller."),
       make(
         "dl",
         { class: "quantities" },

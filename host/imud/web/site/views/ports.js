@@ -13,13 +13,13 @@ const AGAIN_MS = 2000;
 
 /** @type {Record<string, string>} */
 const WORDS = {
-  named: "opened: it is named",
-  ignored: "never opened: [ports] ignore has it",
-  "ours alone": "opened: a probe by its USB name",
-  adopted: "opened: a probe was heard there, or somebody adopted it",
+  named: "opened: it is listed in [ports] or on the command line",
+  ignored: "never opened: [ports] ignore lists it",
+  "ours alone": "opened: a probe according to its USB name",
+  adopted: "opened: a probe was detected there, or a user adopted it",
   off: "not opened: [ports] find is off",
-  any: "opened, as all are",
-  unknown: "not opened: it may be another program's. Adopt it if a probe is on it",
+  any: "opened, like all ports",
+  unknown: "not opened: it may belong to another program. Adopt it if a probe is on it",
 };
 
 /** A card with the list; hidden where there are none. */

@@ -96,7 +96,7 @@ export class SignalsView {
       this._show(id);
     }
     this.keys = /** @type {import("../keys.js").Map} */ ({
-      " ": ["pause or go on", () => this._setLive(!this._isLive)],
+      " ": ["pause or continue", () => this._setLive(!this._isLive)],
       ArrowLeft: ["scroll back", () => this._scroll(-0.25)],
       ArrowRight: ["scroll forward", () => this._scroll(0.25)],
       "+": ["zoom in", () => this._zoom(0.5)],

@@ -15,14 +15,14 @@ export const STATES = {
   silent: ["silent", "bad"],
   gone: ["unplugged", "bad"],
   "other schema": ["other firmware", "bad"],
-  unheard: ["no news from the daemon", "bad"],
+  unheard: ["no data from the daemon", "bad"],
   unknown: ["unknown", ""],
 };
 
 /** @type {Record<string, Words>} */
 const FLAGS = {
   starting: ["finding level and north", "warn"],
-  uncalibrated: ["gyroscope's zero not known: lay it still for 3 s", "warn"],
+  uncalibrated: ["gyroscope bias unknown: lay it still for 3 s", "warn"],
   at_rest: ["at rest", ""],
   mag_disturbed: ["magnetic disturbance", "warn"],
   mag_absent: ["no magnetometer", "warn"],
@@ -33,8 +33,8 @@ const FLAGS = {
   calibration_old: ["calibrated over a year ago", "warn"],
   self_test_failed: ["self-test failed", "bad"],
   field_impossible: ["magnet or steel near", "bad"],
-  field_unlike: ["another field than calibrated in", "warn"],
-  force_impossible: ["accelerometer feels no gravity", "bad"],
+  field_unlike: ["field differs from its calibration", "warn"],
+  force_impossible: ["accelerometer measures no gravity", "bad"],
   calibration_temperature: ["calibrated at another temperature", "warn"],
 };
 
@@ -55,7 +55,7 @@ const VOIDS = {
   restarted: "it has restarted",
   params_changed: "its calibration has changed",
   origin_changed: "the origin has changed",
-  unheard: "it was set before the daemon heard it",
+  unheard: "it was set before the daemon received the probe",
 };
 
 /**
@@ -85,11 +85,8 @@ export function showChips(element, all, kind = "") {
 }
 
 /**
- * Sentences about what needs somebody: the sensors first, then their calibration, then
- * why errors are withheld.
- * @param {any} status
- * @returns {Words[]}
- */
+ * Sentences about problems for the user to solve: the sensors first, then their
+ * calibration, then why errors are withheld. @param {any} status @returns {Words[]} */
 export function concerns(status) {
   const { words = [], flags = [], is_working = true } = status?.sensors ?? {};
   const isBad = !is_working || flags.length > 0;
