@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What several files of tests start with."""
+"""The fixtures of several files of tests."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def test_a_core_that_can_not_be_built_is_an_error_with_the_compilers_words(
 ) -> None:
     machine = Machine(monkeypatch, exit_code=1)
     changed(monkeypatch)
-    with pytest.raises(BuildFailed, match="once mended: make setup"):
+    with pytest.raises(BuildFailed, match="once corrected, run: make setup"):
         checkout.refresh_core()
     assert machine.started == []
     assert capsys.readouterr().err.endswith("no compiler\n")

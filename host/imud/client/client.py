@@ -104,7 +104,7 @@ class Client:
         is_command = do == access.COMMAND or do.startswith(access.CMD)
         what = access.COMMAND if is_command else f"read {do}"
         raise NotAllowed(
-            f"{mine.user} may not {what}, as a {mine.role}; keys that may: "
+            f"{mine.user} may not {what}, as a {mine.role}; create keys that may with "
             f"imud keys add DIR {access.who_may(do)[0]} NAME"
         )
 
@@ -192,8 +192,8 @@ class Client:
         finally:
             watch.undeclare()
         raise ProbeUnknown(
-            f"no probe{f' {probe}' if probe else ''} came in {seconds:g} s; "
-            "plug it in, or see what imud run says"
+            f"no probe{f' {probe}' if probe else ''} found within {seconds:g} s; "
+            "plug it in, or see the output of imud run"
         )
 
     def only_probe(self, probe: str | None = None) -> str:
@@ -204,11 +204,11 @@ class Client:
         alive = self.alive()
         if probe is not None:
             if probe not in alive:
-                raise ProbeUnknown(f"no probe {probe} is there; {_choice(alive)}")
+                raise ProbeUnknown(f"no probe {probe}; {_choice(alive)}")
             return probe
         if len(alive) != 1:
             raise ProbeUnknown(
-                "no probe is there; plug one in, or see what imud run says"
+                "no probe is connected; plug one in, or see the output of imud run"
                 if not alive
                 else f"there are {len(alive)} probes; {_choice(alive)}"
             )
@@ -222,7 +222,7 @@ class Client:
             return
         known = {*self.alive(), *(str(each["probe"]) for each in self.statuses())}
         if known and probe not in known:
-            raise ProbeUnknown(f"no probe {probe} is there; {_choice(sorted(known))}")
+            raise ProbeUnknown(f"no probe {probe}; {_choice(sorted(known))}")
 
     def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]:
         """Sends a command to a probe and returns the daemon's answer.
@@ -239,8 +239,8 @@ class Client:
         if answer is None:
             self.check_known(probe)
             raise NoReply(
-                f"no reply to {name} for probe {probe}: it is gone (see imud list), or "
-                "your keys no longer allow commands"
+                f"no reply to {name} for probe {probe}: it has disconnected (see imud "
+                "list), or your keys no longer allow commands"
             )
         return answer
 
@@ -251,7 +251,7 @@ class Client:
         if answer is None:
             self.check_known(probe)
             raise ProbeUnknown(
-                f"the params of probe {probe} are not known; imud list shows the probes"
+                f"the params of probe {probe} are unknown; imud list shows the probes"
             )
         return answer
 
@@ -264,7 +264,7 @@ class Client:
         answer = self._query(f"{probe}/params", asked, QUERY_TIMEOUT_S)
         if answer is None:
             self.check_known(probe)
-            raise ProbeUnknown(f"no probe {probe} was heard; imud list shows them")
+            raise ProbeUnknown(f"no probe {probe}; imud list shows the probes")
         value: dict[str, Any] = answer["value"]
         return value
 
@@ -299,4 +299,4 @@ class Client:
 
 
 def _choice(names: list[str]) -> str:
-    return f"name one: {', '.join(names)}" if names else "plug it in"
+    return f"choose one: {', '.join(names)}" if names else "plug it in"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a subscriber missed, from gaps in the numbers of what it received."""
+"""Messages that a subscriber missed, from gaps in the sequence numbers."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the daemon publishes about a probe, as typed objects: docs/pose.md.
+"""The daemon's messages about a probe, as typed objects: docs/pose.md.
 
 Units are in the names; vectors and quaternions are tuples. None: not known.
 """
@@ -17,7 +17,7 @@ Vector = tuple[float, float, float]
 
 
 class Numbered(msgspec.Struct, frozen=True, kw_only=True):
-    """What every message from a probe has."""
+    """Fields of every message from a probe."""
 
     probe: str  # name of the probe, as in keys
     seq: int  # sequence number among all messages of the probe
@@ -77,7 +77,8 @@ class Raw(Numbered, frozen=True, kw_only=True):
     gyr_rad_s: Vector | None
     mag_uT: Vector | None  # noqa: N815 - the unit's own spelling
     temperature_c: float | None
-    # Of the params that calibrate them; 0: the probe has none. None: not known yet.
+    # Digest of the params that calibrate them; 0: the probe has none. None: unknown so
+    # far.
     params_digest: int | None = None
     acc_counts: tuple[int, int, int]
     gyr_counts: tuple[int, int, int]
@@ -129,7 +130,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     hello: dict[str, Any] = {}
 
 
-# What a subscription yields; KINDS has the type of each topic.
+# The items of a subscription; KINDS has the type of each topic.
 Published = Pose | Raw | Event | Stroke | Status
 KINDS: dict[str, type[Published]] = {
     "pose": Pose,

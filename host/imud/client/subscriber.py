@@ -77,13 +77,13 @@ class Subscription(Generic[T]):
 
     @property
     def missed(self) -> Missed:
-        """What was missed so far, of all probes and topics."""
+        """Messages missed so far, of all probes and topics."""
         with self._queue.wake:
             parts = {key: series.missed() for key, series in self._series.items()}
         return combined(parts)
 
     def missed_of(self, probe: str, topic: Topic = "pose") -> Missed:
-        """What was missed so far of one topic of one probe."""
+        """Messages missed so far, of one topic of one probe."""
         with self._queue.wake:
             series = self._series.get((probe, topic))
             return series.missed() if series is not None else Missed()
@@ -273,7 +273,7 @@ def subscribe(
             f"topics are {', '.join(KINDS)}, not {', '.join(unknown) or 'none'}"
         )
     if waiting_max < 1 or history < 0:
-        raise ConfigError("waiting_max is 1 at least, history not below 0")
+        raise ConfigError("waiting_max must be at least 1, history at least 0")
     return Subscription(
         Client(endpoint, prefix, keys),
         probe,

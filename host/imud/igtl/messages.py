@@ -21,7 +21,7 @@ _MATRIX = Struct(">12f")
 _STRING = Struct(">HH")
 _US_ASCII = 3  # MIBenum of IANA
 
-# PLUS takes a transform for good by this.
+# by this, PLUS accepts a transform as valid.
 _GOOD = {"TransformStatus": "OK"}
 
 Vector = Sequence[float]

@@ -26,8 +26,8 @@ REASONS = {
     "rate": f"more than {RATE.a_second:.0f} a second from its address",
 }
 
-# Of each client: with the system's own buffers, a client that is too slow would lag
-# behind by minutes. Half a second of a probe's messages at 200 Hz.
+# Limit for each client: with the system's own buffers, a client that is too slow would
+# lag behind by minutes. Half a second of a probe's messages at 200 Hz.
 BUFFER_BYTES = 16 * 1024
 
 logger = logging.getLogger("imud")
@@ -77,7 +77,7 @@ class Server:
         count = self.refused[reason]
         if count == 1 or count % TELL_EVERY == 0:
             logger.warning(
-                "OpenIGTLink: a client was refused: %s (%d so far)",
+                "OpenIGTLink: refused a client: %s (%d so far)",
                 *(REASONS[reason], count),
             )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What differs between kinds of operating systems, chosen once: `system` is posix.py on
+"""Differences between operating systems, chosen once: `system` is posix.py on
 Linux and macOS, other.py elsewhere, as on Windows. Both have the same names.
 """
 

@@ -24,7 +24,7 @@ from imud._core import read_some
 if TYPE_CHECKING:
     import serial
 
-# What opening or setting a port may raise.
+# Exceptions of opening or setting a port.
 PORT_ERRORS = (termios.error, OSError, ValueError)
 # Whether a program that is started can get open sockets.
 HANDS_ON_SOCKETS = True
@@ -41,8 +41,8 @@ _CFLAG, _CC = 2, 6  # places in what tcgetattr returns
 
 
 def try_lock(file: IO[Any], *, is_shared: bool = False) -> bool:
-    """Locks an open file; False if somebody else has it. OSError where the file system
-    can't.
+    """Locks an open file; False if another process has locked it. OSError where the
+    file system can't.
     """
     kind = fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX
     try:
@@ -79,7 +79,7 @@ def raise_files_limit() -> None:
 
 
 def cpu_seconds() -> float:
-    """That this process has used."""
+    """The CPU seconds that this process has used."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
 
@@ -141,7 +141,7 @@ def make_ours(port: serial.Serial) -> None:
 
 
 def keep_others_out(port: serial.Serial, name: str) -> None:
-    """Whoever does not ask for the lock (flock) that pyserial has set gets an error
+    """Programs that ignore the lock (flock) that pyserial has set get an error
     instead of some of our bytes. Of a port, until it is closed; a pty would keep it.
     """
     if not os.path.realpath(name).startswith("/dev/pts/"):

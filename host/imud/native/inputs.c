@@ -63,7 +63,7 @@ bool params_of_records(PyObject *records, struct params *params) {
     static const char *const faults[] = {
         [PARAMS_WRONG_LENGTH] = "is too short or cut off",
         [PARAMS_OUT_OF_RANGE] = "has a value out of range",
-        [PARAMS_DOUBLED] = "is there twice",
+        [PARAMS_DOUBLED] = "is given twice",
     };
     Py_buffer view;
     if (PyObject_GetBuffer(records, &view, PyBUF_SIMPLE) != 0) {

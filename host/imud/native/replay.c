@@ -80,7 +80,7 @@ static PyObject *replay_params(PyObject *self, PyObject *records) {
     }
     replay->next = params;
     use_tip(replay, &params);
-    // As the probe tells whether its filter has to begin anew, without what it kept of
+    // As the probe decides whether its filter has to restart, without what it kept of
     // its own field with the other calibration.
     const bool is_other = params.digest != replay->params.digest;
     if (is_other) {

@@ -205,7 +205,9 @@ def _add_text(data: bytearray, text: str) -> None:
 
 @lru_cache(_LAYOUTS_MAX)
 def _stamped(frame: str, count: int) -> tuple[Struct, bytes]:
-    """Of a std_msgs/Header and doubles, and the text in between with what aligns it."""
+    """The layout of a std_msgs/Header and doubles, and the text in between with its
+    alignment.
+    """
     data = bytearray(_STAMP.size)
     _add_text(data, frame)
     data.extend(bytes(-len(data) % 8))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What poses state of their errors, as the covariances of ROS 2 messages."""
+"""The stated errors of poses, as the covariances of ROS 2 messages."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class FoxgloveSink:
                 channel.log(payload_on(record, topic), log_time=record.t_received_ns)
 
     def flush(self) -> None:
-        """Nothing to do: the server sends by itself."""
+        """Nothing to do: the server sends without this."""
 
     def close(self) -> None:
         server, self._server = self._server, None

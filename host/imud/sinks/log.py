@@ -77,8 +77,8 @@ class LogSink:
             self.path, file = self._create()
         except OSError as error:
             raise FileError(
-                f"can't log to {self._directory}: {error.strerror}; "
-                "name another place with --log DIR, or --no-log"
+                f"can't log to {self._directory}: {error.strerror}; choose another "
+                "folder with --log DIR, or pass --no-log"
             ) from error
         self._is_paused = False
         self._has_flushed = False
@@ -98,7 +98,7 @@ class LogSink:
             raise FileError(
                 f"{self._directory} is on a disk with less than "
                 f"{self.settings.floor_bytes / 1e6:.0f} MB free (log.floor_mb); "
-                "logging pauses until there is room"
+                "logging is paused until space is free"
             )
         self._log.add(record)
 
@@ -114,7 +114,7 @@ class LogSink:
         if log is None or self._syncer is None:
             return
         if os.fstat(log.fileno()).st_nlink == 0:
-            raise FileError(f"{self.path} was removed while it was written")
+            raise FileError(f"{self.path} was removed during writing")
         try:
             log.flush()
             self._has_flushed = True
@@ -157,8 +157,8 @@ class LogSink:
             return
         files = "1 old file" if kept.removed == 1 else f"{kept.removed} old files"
         logger.info(
-            "log: %s removed, %.0f MB; %d files are kept, %.0f MB "
-            "(log.keep_mb, log.keep_days)",
+            "log: removed %s, %.0f MB; kept %d files, %.0f MB (log.keep_mb, "
+            "log.keep_days)",
             *(files, kept.removed_bytes / 1e6, kept.files, kept.bytes / 1e6),
         )
 

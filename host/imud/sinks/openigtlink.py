@@ -18,8 +18,8 @@ from imud.wire.params import parts_of
 
 UNTURNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 OK = "OK"
-GONE = "the probe is gone"
-NO_PARAMS = "its params are not known yet"
+GONE = "the probe is disconnected"
+NO_PARAMS = "its params are unknown so far"
 
 ORIGIN_HEADING = 1  # detail of the event `tared`
 
@@ -28,7 +28,7 @@ STATES = {
     "gone": GONE,
     "silent": "the probe is silent",
     "fault": "its sensor does not work",
-    "other schema": "its firmware speaks another schema",
+    "other schema": "its firmware has another schema",
     "idle": "it does not stream: imud start",
     "calibrating": "it does not stream: imud start",
 }
@@ -52,10 +52,10 @@ class IgtlTranslator:
         self._origin: int | None = None  # as the last event `tared` told it
         self._end = ""  # of the last stroke, if that has no length
         self._is_news = False
-        self.words = "it has told no pose yet"  # why its place is not known, or OK
+        self.words = "it has sent no pose yet"  # why its place is not known, or OK
 
     def learn(self, record: Record | Presence) -> None:
-        """Takes every record, whether somebody listens or not."""
+        """Accepts every record, whether a client is connected or not."""
         if isinstance(record, Presence):
             if not record.is_alive:
                 self._say(GONE)
@@ -74,7 +74,7 @@ class IgtlTranslator:
                 self._say(STATES[state])
 
     def messages(self, record: Record | Presence) -> Iterator[Named]:
-        """What is to be sent after learn() of the same record."""
+        """The messages to send after learn() of the same record."""
         if isinstance(record, Presence):
             yield from self._news(0)
         elif record.topic == "status":
@@ -112,11 +112,14 @@ class IgtlTranslator:
         if pose["tilt_sigma_deg"] is None:
             return "the filter starts"
         if "tared" in pose["flags"] and self._origin != ORIGIN_HEADING:
-            return "its attitude is that since an origin: imud tare --heading"
+            return (
+                "its attitude is relative to an origin: undo that with imud tare "
+                "--heading"
+            )
         if self._params is None:
             return NO_PARAMS
         if self._offset is None:
-            return "where its tip is, is not known: imud calibrate tip"
+            return "the position of its tip is unknown: imud calibrate tip"
         if pose["position_m"] is not None:
             return OK
         if self._end:
@@ -124,7 +127,7 @@ class IgtlTranslator:
         return "it has no origin: imud tare --heading; a Nano also needs fuse_on_host"
 
     def _to_reference(self, pose: Fields) -> MessageBody:
-        """Of the sensor, whose tip the pose tells."""
+        """The transform of the sensor, from the pose of its tip."""
         rows, offset = matrix_rows(pose["q"]), self._offset or ()
         sensor = [
             tip - sum(a * b for a, b in zip(row, offset, strict=True))
@@ -165,7 +168,7 @@ class OpenIgtLinkSink:
         return self._server.refused if self._server is not None else {}
 
     def flush(self) -> None:
-        """Nothing to do: the server sends by itself."""
+        """Nothing to do: the server sends without this."""
 
     def close(self) -> None:
         server, self._server = self._server, None
@@ -183,8 +186,8 @@ class OpenIgtLinkSink:
                 self._translators[frame] = IgtlTranslator(frame)
             else:
                 logger.warning(
-                    "OpenIGTLink gets nothing of %s: give it a name of its own, of at "
-                    "most %d letters and digits",
+                    "OpenIGTLink can't publish %s: give the probe a unique name of "
+                    "at most %d letters and digits",
                     probe,
                     names.PROBE_MAX,
                 )

@@ -78,7 +78,7 @@ class PageSink:
             self._fresh.append(((record.probe, record.topic), record.payload))
 
     def hear_body(self, key: str, payload: bytes) -> None:
-        """What another program published about a body; called in any thread."""
+        """Accepts another program's message about a body; called in any thread."""
         page, line = self._page, line_of(key, payload)
         if page is not None and line is not None:
             page.publish([line])

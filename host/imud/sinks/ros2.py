@@ -156,7 +156,7 @@ class RosTranslator:
         if raw["mag_uT"] is not None:
             field_t = [value * 1e-6 for value in raw["mag_uT"]]
             ut2 = self._errors.field_ut2
-            # What this message calls unknown is all zeros.
+            # In this message, all zeros mean unknown.
             of_field = _diagonal(None if ut2 is None else ut2 * 1e-12, cdr.UNKNOWN)
             data = cdr.magnetic_field(t_ns, self.frame, field_t, of_field)
             yield self.mag, data

@@ -153,9 +153,11 @@ class ZenohSink:
                 return
             session = self._open()
         elif self._is_guest and not network.is_connected(session):
-            # It would reconnect by itself, and announce the probes of this moment then.
+            # It would reconnect automatically, and then announce the current probes.
             self.close()
-            raise NetworkError(f"the Zenoh router at {self._where} is gone")
+            raise NetworkError(
+                f"lost the connection to the Zenoh router at {self._where}"
+            )
         if isinstance(record, Presence) and record.is_forgotten:
             self._forget(session, record.probe)
             return
@@ -260,7 +262,7 @@ class ZenohSink:
             del self._last[key]
 
     def _forget(self, session: zenoh.Session, probe: str) -> None:
-        """Leaves nothing of a probe that is gone for good."""
+        """Removes everything of a probe that has left permanently."""
         self._set_alive(session, probe, is_alive=False)
         self._leave(probe)
         for key in [each for each in self._publishers if each[0] == probe]:
@@ -278,26 +280,26 @@ class ZenohSink:
             # It was unplugged here: from now on it is the other's.
             if probe not in self._elsewhere:
                 self._elsewhere.add(probe)
-                text = f"network: probe {probe} is at another imud now"
+                text = f"network: probe {probe} is now at another imud"
                 self._on_notice(("elsewhere", probe), text, False)
             return
         if topic == "status" and is_probe_gone(sample.payload.to_bytes()):
             return  # the last words of the daemon that it has left
         text = (
-            f"network: another program publishes on {key}, too: don't trust it; is "
-            "there a second imud with this probe's name? docs/security.md says how "
-            "to keep others out"
+            f"network: another program also publishes on {key}: don't trust that key; "
+            "a second imud may have a probe of this name. docs/security.md explains "
+            "how to keep others out"
         )
-        # One kind for all keys: somebody who makes up keys gets a few lines only.
+        # One kind for all keys: invented keys cause only a few lines.
         self._on_notice("other", text, True)
 
     def _tell_whether(self, *, is_joined: bool) -> None:
         """Tells once that the router is there, or that it is not."""
         if is_joined != self._is_joined:
-            words = "is not there" if self._is_joined is None else "is gone"
-            text = (
-                f"connected to {self._where}" if is_joined else f"{self._where} {words}"
+            lost = (
+                "can't reach" if self._is_joined is None else "lost the connection to"
             )
+            text = f"{'connected to' if is_joined else lost} {self._where}"
             self._is_joined = is_joined
             self._on_notice(("joined", text), f"network: {text}", not is_joined)
 
@@ -314,7 +316,7 @@ class ZenohSink:
         self._on_notice(("link", what), f"network: {where} {what}{by}", False)
 
     def _tell_refused(self, name: str, why: str) -> None:
-        text = f"network: {name} was refused: TLS: {why}"
+        text = f"network: refused {name}: TLS: {why}"
         self._on_notice("refused", text, True)
 
     def _set_alive(self, session: zenoh.Session, probe: str, *, is_alive: bool) -> None:

@@ -231,5 +231,5 @@ def _numbers(value: object) -> list[int | float]:
     values = list(value) if isinstance(value, list | tuple) else [value]
     numbers = [number for number in values if isinstance(number, int | float)]
     if len(numbers) != len(values):
-        raise TypeError("it is not made of numbers")
+        raise TypeError("it is not a list of numbers")
     return numbers

@@ -32,7 +32,7 @@ SkewKind = Literal[
 HELLO_NEEDS = frozenset({"schema_fingerprint", "firmware", "probe_id"})
 
 _HEADER = struct.Struct(schema.HEADER)
-# What is of a content but its id, sequence number and time.
+# The content after its id, sequence number and time.
 FIELDS_OF = slice(_HEADER.size, None)
 
 
@@ -129,7 +129,7 @@ class _Codec:
         if expected is None or tag < expected.tag:
             return "doubled", f"{self._field_name(tag)} comes twice"
         if tag == expected.tag:
-            return "wrong_length", f"{expected.name} is cut off"
+            return "wrong_length", f"{expected.name} is truncated"
         if len(content) < self.size:
             return "missing", f"{expected.name} is missing"
         return "out_of_order", f"{self._field_name(tag)} comes before {expected.name}"
@@ -159,7 +159,7 @@ def decode(content: bytes) -> Message | Skew:
 def _examine(content: bytes) -> Message | Skew:
     """Decodes field by field, to find what is wrong and where."""
     if len(content) < _HEADER.size:
-        detail = f"{len(content)} bytes are less than a header"
+        detail = f"{len(content)} bytes are shorter than a header"
         return Skew("wrong_length", detail, None, None)
     ident, sequence, time_us = _HEADER.unpack_from(content)
     codec = _BY_ID.get(ident)
@@ -200,7 +200,7 @@ def _fingerprint(content: bytes) -> int | None:
 def _is_other_hello(codec: _Codec, content: bytes, count: int, kind: SkewKind) -> bool:
     """Whether a hello that does not match is one of an older or a later schema.
 
-    Hellos only grow at their end: an older one stops early, a later one goes on with
+    Hellos only grow at their end: an older one stops early, a later one continues with
     tags that we don't know.
     """
     if kind == "unknown" and count == len(codec.fields):
@@ -231,7 +231,9 @@ def encode(
     unknown = fields.keys() - {field.name for field in codec.fields}
     missing = {field.name for field in codec.fields} - fields.keys()
     if unknown or missing:
-        raise ValueError(f"{name}: fields {sorted(unknown | missing)} don't belong")
+        raise ValueError(
+            f"{name}: unknown or missing fields {sorted(unknown | missing)}"
+        )
     parts = [_HEADER.pack(codec.id, sequence & 0xFFFFFFFF, time_us & 0xFFFFFFFF)]
     for field in codec.fields:
         parts.append(bytes([field.tag]))

@@ -115,7 +115,7 @@ class ParamsParts:
         if not all(at in parts for at in wanted):
             return None
         records = b"".join(parts[at] for at in wanted)[:length]
-        # What a probe told before it found that they are damaged is not kept.
+        # Parts sent before the probe detected damage are discarded.
         self._parts.pop(key, None)
         if digest_of(records) != digest:
             return None

@@ -39,7 +39,7 @@ def imud_on_path(directory: Path) -> dict[str, str]:
 
 
 def first_lines(command: list[str], environment: dict[str, str]) -> Iterator[str]:
-    """Of a program that goes on by itself: it is ended after COUNT of them."""
+    """Of a program that does not end: it is stopped after COUNT of them."""
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment
     ) as running:
@@ -91,7 +91,7 @@ def test_c_prints_the_poses_that_imud_listen_says(tmp_path: Path) -> None:
 def test_javascript_prints_the_poses_of_the_stream(
     tmp_path: Path, is_old: bool
 ) -> None:
-    """Node 22 has WebSockets by itself, older ones from the package `ws`."""
+    """Node 22 has WebSockets built in, older ones use the package `ws`."""
     if shutil.which("node") is None or not (MODULES / "ws").is_dir():
         leave_out("node or ws is not there")
     options: list[str] = []

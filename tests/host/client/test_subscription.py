@@ -24,7 +24,7 @@ from imud.errors import ConfigError, DaemonNotFound
 
 
 class Line:
-    """What a daemon publishes, without one: calls back like a client."""
+    """A daemon's messages without a daemon: calls back like a client."""
 
     is_connected = True
 

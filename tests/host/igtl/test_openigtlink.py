@@ -122,15 +122,18 @@ def test_tip_and_probe_lead_to_the_position_of_the_pose(
     ("records", "words"),
     [
         ([pose(tilt_sigma_deg=None)], "the filter starts"),
-        ([pose(params=None)], "params are not known"),
-        ([pose(params=b"")], "where its tip is"),
-        ([pose(params=record(4, struct.pack("<3i", -(2**31), 0, 0)))], "where its tip"),
+        ([pose(params=None)], "params are unknown"),
+        ([pose(params=b"")], "the position of its tip"),
+        (
+            [pose(params=record(4, struct.pack("<3i", -(2**31), 0, 0)))],
+            "the position of its tip",
+        ),
         ([pose(**NOWHERE)], "no origin"),
         ([stroke("too_long"), pose(**NOWHERE)], r"no length \(too_long\)"),
         ([stroke("gap"), pose(**NOWHERE)], r"no length \(gap\)"),
         ([stroke("gap"), tared(HEADING), pose(**NOWHERE)], "no origin"),
-        ([pose(flags=("tared",))], "since an origin"),
-        ([tared(FULL), pose(flags=("tared",))], "since an origin"),
+        ([pose(flags=("tared",))], "relative to an origin"),
+        ([tared(FULL), pose(flags=("tared",))], "relative to an origin"),
         ([state("idle")], "does not stream"),
         ([state("silent")], "silent"),
         ([Presence("tip", is_alive=False)], GONE),
@@ -213,7 +216,7 @@ def test_two_probes_never_share_a_frame(caplog: pytest.LogCaptureFixture) -> Non
     assert places
     assert min(places) > 8000
     (told,) = (each for each in caplog.records if each.levelno >= logging.WARNING)
-    assert "gets nothing of 5173000000000000" in told.getMessage()
+    assert "can't publish 5173000000000000" in told.getMessage()
 
 
 LONG = messages.string("-" * 1000)
@@ -279,7 +282,7 @@ def test_there_may_be_only_so_many_clients(caplog: pytest.LogCaptureFixture) -> 
             stack.enter_context(connected(address, PATIENCE_S)).hear()
         until(lambda: server.refused["clients"] == 1)
     server.close()
-    assert "a client was refused: there are 16" in caplog.text
+    assert "refused a client: there are 16" in caplog.text
 
 
 def test_a_port_that_is_taken_is_said_on_one_line() -> None:

@@ -2,7 +2,7 @@
 """Runs imud as on a machine that is not POSIX: python elsewhere.py COMMAND ...
 
 What is not there on Windows is taken away from the modules of imud alone: pyserial and
-Python's own go on to use what this machine has.
+Python's own continue to use what this machine has.
 """
 
 from __future__ import annotations

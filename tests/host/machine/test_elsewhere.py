@@ -67,7 +67,7 @@ ALONE = {
 
 
 def said(folder: Path, command: str, words: list[str], *more: str) -> str:
-    """What a command prints. A fault of imud's own fails the test, and so does more
+    """A command's output. An internal error of imud fails the test, and so does more
     than one line after an error.
     """
     filled = [word.replace("{}", str(folder)) for word in words]
@@ -79,7 +79,7 @@ def said(folder: Path, command: str, words: list[str], *more: str) -> str:
         timeout=PATIENCE_S,
         check=False,
     )
-    assert "a fault of its own" not in done.stderr
+    assert "internal error" not in done.stderr
     assert "Traceback" not in done.stderr
     if done.returncode != 0:
         assert done.stderr.count("\n") == 1, done.stderr

@@ -65,7 +65,7 @@ REFUSED = {
     "record 2 of the params has a value": calibration_record(
         2, [0, 0, 0], [ONE, 0, 0, 0, ONE, 0, ROW_MAX - ONE, 1, -ONE]
     ),
-    "record 1 of the params is there twice": IDENTITY
+    "record 1 of the params is given twice": IDENTITY
     + calibration_record(1, [0, 0, 0], EYE),
     "params of 249 bytes": record(200, bytes(247)),
 }

@@ -40,7 +40,7 @@ DIAGNOSES = [
 
 
 def theirs(kind: ros2.Type, build: Callable[[Callable[..., Any]], Any]) -> list[bytes]:
-    """What both other serialisers make of a message that `build` makes of its parts."""
+    """The bytes of both other serialisers for a message that `build` assembles."""
 
     def of_rosbags(name: str, *values: Any) -> Any:
         (full,) = (t for t in TYPES if t.endswith(f"/msg/{name}") and t in PARTS)

@@ -78,7 +78,7 @@ def ros() -> Iterator[Callable[[str], ZenohSession]]:
 def topics_when(
     endpoint: str, domain: int, is_so: Callable[[dict[str, list[str]]], bool]
 ) -> dict[str, list[str]]:
-    """What its discovery lists, once that is true."""
+    """The list of its discovery, once that is true."""
     until = time.monotonic() + PATIENCE_S
     while True:
         port = int(endpoint.rpartition(":")[2])

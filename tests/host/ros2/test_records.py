@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the records of a probe become in ROS 2."""
+"""A probe's records as ROS 2 messages."""
 
 from __future__ import annotations
 
