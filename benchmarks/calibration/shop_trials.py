@@ -27,7 +27,7 @@ from imud.calibration.learned.learner import Learner, learned_of
 from imud.calibration.poses import BASE_DOWN
 from imud.calibration.recording import Sample, Scale
 from imud.calibration.result import with_sensor
-from imud.params.learned import goes_on
+from imud.params.learned import filter_can_continue
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE
@@ -92,7 +92,7 @@ def with_learning(feed: Feed) -> tuple[Estimate, list[float]]:
     for index, raw in enumerate(feed.raws):
         now_s = float(feed.times_s[index])
         if coming is not None and now_s >= coming[0]:
-            is_anew = not goes_on(records, coming[1])
+            is_anew = not filter_can_continue(records, coming[1])
             records, coming = coming[1], None
             replay.params(records)
             if is_anew:

@@ -14,7 +14,7 @@ from imud.commands import COMMANDS
 from imud.daemon.commands import Commander, refuse_unknown, shown
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, DeviceError, NoReply, ParamsError
-from imud.params.learned import goes_on
+from imud.params.learned import filter_can_continue
 from imud.params.parts import KINDS
 from imud.params.value import Params
 from imud.wire.params import words_of
@@ -88,7 +88,7 @@ class ParamsChange:
     async def _change(self, entry: ProbeEntry, params: Params) -> None:
         boots = entry.probe.account.boots
         flag = (
-            GOES_ON if goes_on(entry.probe.params, params.encode()) else 0
+            GOES_ON if filter_can_continue(entry.probe.params, params.encode()) else 0
         )
         try:
             await self._bring(entry, params, boots, flag)

@@ -10,10 +10,10 @@ METHOD = "learned"  # in motion, while the filter ran
 ALIKE = 0.19  # entries of the matrices differ by less: the axes are the same
 
 
-def goes_on(before: bytes | None, after: bytes) -> bool:
+def filter_can_continue(before: bytes | None, after: bytes) -> bool:
     """Whether each sensor that is calibrated otherwise was learned in motion, with the
-    same axes, and the rates have the same bias. Otherwise a filter has to begin anew
-    with the records `after`.
+    same axes, and the rates have the same bias. Otherwise a filter has to restart with
+    the records `after`.
     """
     if before is None:
         return False
@@ -24,14 +24,14 @@ def goes_on(before: bytes | None, after: bytes) -> bool:
     changed = [name for name in SENSORS if getattr(old, name) != getattr(new, name)]
     # The filter keeps the bias that it has found.
     is_same_bias = _bias(old.gyr) == _bias(new.gyr)
-    return is_same_bias and all(_goes_on(old, new, name) for name in changed)
+    return is_same_bias and all(_is_continuable(old, new, name) for name in changed)
 
 
 def _bias(gyr: Calibration | None) -> Vector:
     return gyr.bias_counts if gyr is not None else (0.0, 0.0, 0.0)
 
 
-def _goes_on(old: Params, new: Params, name: str) -> bool:
+def _is_continuable(old: Params, new: Params, name: str) -> bool:
     one, other = getattr(old, name), getattr(new, name)
     if other is None or other.method != METHOD:
         return False

@@ -22,7 +22,7 @@ import msgspec
 
 from imud import _core
 from imud.config.settings import Config
-from imud.params.learned import goes_on
+from imud.params.learned import filter_can_continue
 from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
 from imud.stages import COMPUTED, InjectMessage, LogLine, SendCommands, StageResult
@@ -30,7 +30,7 @@ from imud.stages.floats import is_in_floats
 from imud.wire import schema
 from imud.wire.messages import Message, place_of
 
-FAILURE = "its raw samples can't be had, from which to compute poses"
+FAILURE = "can't compute its poses: its raw samples are not available"
 
 _BOARD = place_of("hello", "board")
 _FILTER = place_of("hello", "filter")
@@ -134,9 +134,11 @@ class FusionStage:
         if self._replay is None:
             self._replay = _core.Replay(self._content, records)
             self.replaced = COMPUTED
-            yield LogLine("began", "its poses are computed here, from its raw samples")
+            yield LogLine(
+                "began", "its poses are computed on the host, from its raw samples"
+            )
         elif records != self._records and self._replay.params(records):
-            if goes_on(self._records, records):
+            if filter_can_continue(self._records, records):
                 self._replay.go_on()
             else:
                 self._replay = _core.Replay(self._content, records)
@@ -170,4 +172,4 @@ class FusionStage:
         return {"is_on_host": self._replay is not None, "poses": self._poses}
 
     def closing_line(self) -> str:
-        return f"{self._poses} poses computed here" if self._poses else ""
+        return f"{self._poses} poses computed on the host" if self._poses else ""

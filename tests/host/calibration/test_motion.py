@@ -29,7 +29,7 @@ from imud.calibration.learned.learner import (
 from imud.calibration.learned.motion import Priors
 from imud.calibration.recording import GRAVITY_M_S2, Sample, SensorRecording
 from imud.calibration.stops import find_stops
-from imud.params.learned import goes_on
+from imud.params.learned import filter_can_continue
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from raw_probe import lying, module, used
@@ -139,7 +139,7 @@ def test_what_is_learned_goes_on_and_is_not_taken_for_knowledge() -> None:
     first = worked(learner, used(), b"").proposal
     assert first is not None
     records = first.params.encode()
-    assert goes_on(b"", records)
+    assert filter_can_continue(b"", records)
     assert heading_of(first.params, 20.0) == pytest.approx(first.heading_deg, rel=0.1)
     # No better with the same samples: it would have to be by a tenth.
     work = learner.begin(records)
@@ -239,7 +239,7 @@ def test_a_magnet_put_on_spoils_only_what_was_before(since_s: float) -> None:
     assert proposal is not None
     # The filter begins anew, with the bias that it would have to find, and once only.
     records = proposal.params.encode()
-    assert not goes_on(b"", records)
+    assert not filter_can_continue(b"", records)
     assert proposal.params.gyr is not None
     assert any(proposal.params.gyr.bias_counts)
     assert since_s * 1e6 < learner.samples[0].t_us + 7e6
@@ -252,7 +252,7 @@ def test_a_full_window_that_fits_lets_the_filter_go_on() -> None:
     learner = Learner(SCALE)
     proposal = worked(learner, used(80.0), b"").proposal
     assert proposal is not None
-    assert goes_on(b"", proposal.params.encode())
+    assert filter_can_continue(b"", proposal.params.encode())
     samples = learner.samples
     assert samples[-1].t_us - samples[0].t_us == WINDOW_S * 1e6
 

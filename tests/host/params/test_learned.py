@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from imud.params.learned import goes_on
+from imud.params.learned import filter_can_continue
 from imud.params.value import SENSORS, Params
 from params_bench import EYE, GOOD, learned
 
@@ -19,7 +19,7 @@ def turned(error: float) -> tuple[tuple[float, ...], ...]:
 
 
 def goes(old: Params | None, new: Params) -> bool:
-    return goes_on(None if old is None else old.encode(), new.encode())
+    return filter_can_continue(None if old is None else old.encode(), new.encode())
 
 
 @pytest.mark.parametrize("name", SENSORS)
@@ -66,9 +66,9 @@ def test_a_filter_begins_anew_where_nobody_knows_what_was_before() -> None:
 
 @pytest.mark.parametrize("damaged", [OLD[:-1], b"\x01", OLD + OLD[:2], OLD + OLD])
 def test_a_filter_begins_anew_where_records_are_damaged(damaged: bytes) -> None:
-    assert not goes_on(damaged, OLD)
-    assert not goes_on(OLD, damaged)
-    assert not goes_on(damaged, damaged)
+    assert not filter_can_continue(damaged, OLD)
+    assert not filter_can_continue(OLD, damaged)
+    assert not filter_can_continue(damaged, damaged)
 
 
 def test_a_filter_begins_anew_where_axes_are_turned() -> None:
@@ -92,8 +92,8 @@ def test_a_filter_begins_anew_without_a_calibration_that_there_was(name: str) ->
 
 def test_a_record_that_is_too_short_calibrates_nothing() -> None:
     short = b"\x01\x05" + bytes(5)
-    assert not goes_on(learned("acc").encode(), short)
-    assert goes_on(short, learned("acc").encode())
+    assert not filter_can_continue(learned("acc").encode(), short)
+    assert filter_can_continue(short, learned("acc").encode())
 
 
 def test_a_filter_begins_anew_where_rates_have_another_bias() -> None:

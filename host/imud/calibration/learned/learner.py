@@ -32,14 +32,14 @@ from imud.calibration.result import with_mag, with_sensor
 from imud.calibration.score import TILT_TO_HEADING, stated_tilt_deg
 from imud.calibration.stops import find_stops
 from imud.errors import ParamsError
-from imud.params.learned import METHOD, goes_on
+from imud.params.learned import METHOD, filter_can_continue
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 
 WINDOW_S = 60.0  # of the latest samples
 LEAST_S = 20.0
-# Where all of them give nothing good, so many of the newest are tried: a magnet that is
-# put on changes the probe's own field, so that samples of before and after do not fit.
+# If all of them yield no usable fit, this many of the newest are tried: a magnet put on
+# the probe changes its own field, so samples before and after it do not fit together.
 PARTS_S = (30.0, 16.0)
 EVERY_S, SELDOM_S, GROWTH = 3.0, 60.0, 1.15  # between two fits; without news
 TURNED_RAD = math.pi  # since the last fit, at least: what lies teaches nothing
@@ -82,7 +82,7 @@ class Work(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Learned:
-    """What came of a fit."""
+    """The result of a fit."""
 
     proposal: Proposal | None
     rest: RestRate | None
@@ -123,14 +123,14 @@ class Learner:
         """The fit that is due, with these params in force. What was learned before is
         not taken for knowledge: it comes from the same samples.
         """
-        if self.base is None or not goes_on(self.base, records):
+        if self.base is None or not filter_can_continue(self.base, records):
             self.base = records
         self._turned_rad = 0.0
         self._due_us = self.samples[-1].t_us + round(self._every_s * 1e6)
         return Work(tuple(self.samples), self.scale, self.rest, self.base, records)
 
     def end(self, learned: Learned) -> None:
-        """What came of it: the less news, the longer until the next."""
+        """Takes the result; backs off without news."""
         self.rest = learned.rest or self.rest
         while self.samples and self.samples[0].t_us < learned.since_us:
             self.samples.popleft()
@@ -172,7 +172,7 @@ def learned_of(work: Work) -> Learned:
         if start == 0 or proposal is None:
             return Learned(proposal, rest)
         since_us = begin_us + round(start * recording.step_s * 1e6)
-        return Learned(_beginning_anew(proposal, at, scale), rest, since_us)
+        return Learned(_with_filter_reset(proposal, at, scale), rest, since_us)
     return Learned(None, rest)
 
 
@@ -293,10 +293,11 @@ def _proposal(
     return Proposal(params, found.tilt_deg, found.heading_deg, sigma_ut)
 
 
-def _beginning_anew(found: Proposal, rest: RestRate, scale: Scale) -> Proposal:
+def _with_filter_reset(found: Proposal, rest: RestRate, scale: Scale) -> Proposal:
     """The same with the gyroscope's bias, if it was learned, too. With another bias a
-    filter begins anew (goes_on), which it should: the samples that do not fit have
-    taught it a wrong north and a wrong own field. With the bias it does so in motion.
+    filter restarts (filter_can_continue), which it should: the samples that do not fit
+    have taught it a wrong north and a wrong own field. With the bias it does so in
+    motion.
     """
     gyr = found.params.plain("gyr")
     if gyr is None or gyr["method"] != METHOD:
