@@ -13,16 +13,16 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-# What there is to measure: what that tells, then the programs with their options.
+# The benchmarks: what each measures, then its programs with their options.
 BENCHES: dict[str, tuple[str, ...]] = {
     "accuracy": (
-        "errors on recordings and on made motions, beside VQF",
+        "errors on recordings and on simulated motions, beside VQF",
         "accuracy/recordings.py",
         "accuracy/recordings.py --board f405",
         "accuracy/groups.py",
     ),
     "honesty": (
-        "whether the errors that poses state are true, and inform",
+        "whether stated errors of poses are true and useful",
         "honesty/desk.py",
         "honesty/grounds.py",
         "honesty/since_origin.py",
@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("what", nargs="?", default=DEFAULT, help="default: %(default)s")
     parser.add_argument(
-        "--check", action="store_true", help="only say whether it is known"
+        "--check", action="store_true", help="only check that it exists"
     )
     args = parser.parse_args(arguments)
     if args.what not in BENCHES:

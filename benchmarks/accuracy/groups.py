@@ -24,7 +24,7 @@ from imud.params.trusted import known_to, place_of
 from imud.virtual.motion import Motion
 from imud.virtual.motions.groups import GROUPS, SETS, Recipe, recipes
 
-# What the params of a module say of its errors: those of SMALL and LARGE in
+# The errors in the params of a module: those of SMALL and LARGE in
 # imud.virtual.motions.module, whose limits are root 3 times one sigma.
 KNOWN = {"small": (0.024, 0.4), "large": (0.08, 1.9), "crossed": (0.007, 0.05)}
 
@@ -91,7 +91,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
             help=f"of {', '.join(known)} (default: {', '.join(default)})",
         )
     parser.add_argument(
-        "--each", action="store_true", help="print a line for each recording, too"
+        "--each", action="store_true", help="also print a line for each recording"
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
     parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
@@ -123,7 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             figures = list(groups_report.figures(mine))
             report.print_figures(figures, is_judged=True)
             missed += sum(figure.verdict == "MISSED" for figure in figures)
-    print(f"\n{missed} figures miss what they must be" if missed else "")
+    print(f"\n{missed} figures are outside their limits" if missed else "")
     return 1 if missed else 0
 
 

@@ -27,7 +27,7 @@ KINDS = ("heading", "inclination")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the engines did on one recording at one board's rate; ours is HOST."""
+    """The errors of the engines on one recording at one board's rate; ours is HOST."""
 
     recipe: Recipe
     board: str
@@ -51,7 +51,7 @@ def is_worse(scores: Mapping[str, Score]) -> bool:
 
 
 class Compared(Protocol):
-    """What a recording shows of our filter beside others."""
+    """The errors of our filter on a recording, beside others."""
 
     @property
     def scores(self) -> Mapping[str, Score]: ...

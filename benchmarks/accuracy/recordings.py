@@ -206,14 +206,14 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         dest="engines",
         action="store_const",
         const=engines.QUICK,
-        help=f"no image, and what is quick: {', '.join(engines.QUICK)}",
+        help=f"no image, and only fast engines: {', '.join(engines.QUICK)}",
     )
     parser.add_argument(
         "--body-bias",
         metavar="UT",
         type=float,
         default=0.0,
-        help="a magnet on the probe: a constant field of so many uT in its frame, "
+        help="a magnet on the probe: a constant field of this many uT in its frame, "
         f"along 1 1 1; one ratio averages eight diagonals ({BODY_BIAS_UT:g} uT of it "
         "without this option)",
     )
@@ -265,7 +265,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parse(argv)
     absent = [path for path in args.paths if not path.exists()]
     if absent:
-        print(f"skipped: no recordings at {absent[0]}; docs/motion-files.md says where")
+        print(f"skipped: no recordings at {absent[0]}; see docs/motion-files.md")
         return 0
     paths = scoring.find_trials(args.paths, args.trials)
     if not paths:
@@ -303,7 +303,7 @@ def end(results: Sequence[Result], judged: Sequence[Figure], image: str) -> int:
             + (f"{unequal} DIFFER" if unequal else "equal in every bit")
         )
     if missed:
-        print(f"{missed} figures miss what they must be")
+        print(f"{missed} figures are outside their limits")
     return 1 if crashed or lost or unequal or missed else 0
 
 

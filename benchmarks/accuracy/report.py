@@ -176,8 +176,8 @@ def print_tables(results: Sequence[Result], names: Sequence[str]) -> None:
         }
         if rows:
             print_table(
-                f"errors inside {scoring.SIGMAS:g} sigma, %: tilt, heading "
-                "(poses that state none)",
+                f"errors inside {scoring.SIGMAS:g} sigma, %: tilt, heading (poses "
+                "without stated errors)",
                 heads,
                 rows,
             )

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a filter on the bench has; build/sim/bench runs it.
+// The interface of a filter on the bench; build/sim/bench runs it.
 #ifndef BENCH_H
 #define BENCH_H
 
@@ -23,7 +23,7 @@ void bench_make_answer(void);  // makes bench_answer
 }
 #endif
 
-// Of a filter in single precision.
+// A measurement for a filter in single precision.
 struct bench_floats {
     float gyr[3], acc[3], mag[3];
     unsigned char has_mag;

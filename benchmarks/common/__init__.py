@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""What several rooms use: boards, samples, filters, errors, captures."""
+"""Shared by several rooms: boards, samples, filters, errors, captures."""

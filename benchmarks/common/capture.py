@@ -83,7 +83,7 @@ def run(
             check=False,
         )
         if done.returncode != 0:
-            lines = done.stderr.strip().splitlines() or ["it said nothing"]
+            lines = done.stderr.strip().splitlines() or ["it printed nothing"]
             raise RunFailed(f"{path.name}: exit code {done.returncode}: {lines[-1]}")
         found = read(record, json.loads(summary.read_text()))
         return replace(found, feed=replace(found.feed, params=params))
@@ -95,7 +95,7 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
     session = Session(lambda probe_id: probes.setdefault(probe_id, Probe(probe_id)))
     events = [*session.receive(record.read_bytes(), None), *session.close()]
     if any(isinstance(event, OtherSchema) for event in events):
-        raise RunFailed("the image is of another schema; run `make firmware`")
+        raise RunFailed("the image has another schema; run `make firmware`")
     heard: dict[str, list[Received]] = {}
     for event in events:
         if isinstance(event, Received):

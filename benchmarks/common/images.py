@@ -61,8 +61,8 @@ def build(environment: str) -> Path:
         text=True,
         check=False,
     )
-    # An image that does not fit beside the bootloader is linked all the same; its line
-    # of the table shows that.
+    # An image that does not fit beside the bootloader is linked anyway; its line of the
+    # table shows that.
     if done.returncode != 0 and "greater than maximum allowed" not in done.stderr:
         raise RunFailed(f"{environment}: {done.stderr.strip()}")
     return PROJECT / ".pio" / "build" / environment / "firmware.elf"

@@ -126,7 +126,7 @@ def rss_mib(pid: int | str = "self") -> float:
 
 def answer_of(connection: Connection, patience_s: float) -> Any:
     if not connection.poll(patience_s):
-        raise TimeoutError("a process of this benchmark says nothing")
+        raise TimeoutError("a process of this benchmark does not report")
     return connection.recv()
 
 

@@ -104,7 +104,7 @@ def compare(wire: Iterator[bytes], kept: Iterator[bytes]) -> int:
         if had is None:
             return count
         if sent != had:
-            raise ItDiffers(f"raw or pose {count} of the log is not what was sent")
+            raise ItDiffers(f"raw or pose {count} of the log differs from the sent one")
         count += 1
     return count
 
@@ -180,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args.output.write_text(json.dumps(figures, indent=1) + "\n")
     wrong = judge(figures)
     for line in wrong:
-        sys.stdout.write(f"not as it should be: {line}\n")
+        sys.stdout.write(f"failed: {line}\n")
     return 1 if wrong else 0
 
 

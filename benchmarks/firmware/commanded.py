@@ -87,12 +87,12 @@ def changes(period_us: float) -> Iterator[Command]:
         at_us += APPLY_US
 
 
-# What is measured, and the event that says that a command was obeyed.
+# The measurements, and the event that confirms a command.
 KINDS = {"restarts": (restarts, "restarted"), "new params": (changes, "params_changed")}
 
 
 def options(commands: Iterator[Command]) -> list[str]:
-    """Of the emulator, to send them."""
+    """The emulator's options for sending them."""
     words: list[str] = []
     for index, (at_us, name, arguments) in enumerate(commands):
         order = {"command": name, "token": 100 + index, "arguments": arguments}
@@ -118,13 +118,13 @@ def measure_all(board: Board, image: Path, hand: Path, seed: int) -> list[Comman
         )
         count = sum(event == done for event in events)
         if count == 0:
-            raise RunFailed(f"no {what} were obeyed; let it run {SECONDS:.0f} s")
+            raise RunFailed(f"no {what} were executed; let it run {SECONDS:.0f} s")
         found.append(slowest(measured.profile, what, count))
     return found
 
 
 def slowest(profile: dict[str, Any], what: str, count: int) -> Commanded:
-    """What the emulator's profile says of the slowest sample."""
+    """The slowest sample in the emulator's profile."""
     functions = [
         Function(name, tally["self"]["in_worst"], tally["inclusive"]["in_worst"])
         for name, tally in profile["functions"].items()

@@ -80,7 +80,7 @@ class Cost:
 
     @property
     def cycles_worst(self) -> int:
-        """Of the slowest step and the slowest answer together."""
+        """The sum of the slowest step and the slowest answer."""
         return self.step_worst + self.answer_worst
 
 
@@ -240,7 +240,7 @@ def measure(image: Path, samples: bytes) -> tuple[dict[str, int], bytes]:
     given, answers = image.with_suffix(".samples"), image.with_suffix(".answers")
     summary = image.with_suffix(".json")
     if not BENCH.is_file():
-        raise FilterFailed(f"{BENCH} is not there; run `make sim`")
+        raise FilterFailed(f"{BENCH} is missing; run `make sim`")
     given.write_bytes(samples)
     run(BENCH, "--image", image, "--samples", given, "--answers", answers,
         "--summary", summary)  # fmt: skip

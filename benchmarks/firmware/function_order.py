@@ -128,7 +128,7 @@ def parse(linked: str, disassembled: str) -> Image:
 def read(elf: Path) -> Image:
     linked = elf.with_suffix(".map")
     if not linked.is_file():
-        raise BadImage(f"{linked} is not there; link with -Wl,-Map={linked}")
+        raise BadImage(f"{linked} is missing; link with -Wl,-Map={linked}")
     shown = subprocess.run(
         ["avr-objdump", "-d", elf], capture_output=True, text=True, check=False
     )
@@ -138,7 +138,7 @@ def read(elf: Path) -> Image:
 
 
 class Costs:
-    """What an order costs an image."""
+    """The cost of an order for an image."""
 
     def __init__(self, image: Image, names: Sequence[str]) -> None:
         index = {name: place for place, name in enumerate(names)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a probe in MicroPython costs, on the virtual pyboard: samples without loss,
+"""The cost of a probe in MicroPython, on the virtual pyboard: samples without loss,
 instructions and heap for a sample, the longest turn of its loop, and bytes of code.
 
 An instruction is a cycle in the emulator, so instructions are a lower bound of cycles.
@@ -44,7 +44,7 @@ def orders(rate_hz: int) -> list[str]:
 
 
 def run(name: str, seconds: float, *options: str) -> dict[str, Any]:
-    """What a run of an image shows."""
+    """The figures of a run of an image."""
     with tempfile.TemporaryDirectory() as room:
         record, summary = Path(room) / "record", Path(room) / "summary"
         image = BUILD / "pyboard" / name

@@ -132,7 +132,7 @@ HANDLERS = {
 # The machine in the ELF header, and the prefix of its tools.
 TOOLS = {40: "arm-none-eabi-", 83: "avr-"}
 
-# What handlers.S has beside the handlers. The linker keeps no lines of assembly.
+# Functions of handlers.S beside the handlers. The linker keeps no lines of assembly.
 HANDLED = ("board_time_us", "clock_us", "sampling_begin")
 
 
@@ -214,7 +214,7 @@ def _tools(image: Path) -> str:
     header = image.read_bytes()[:20]
     machine = int.from_bytes(header[18:20], "little")
     if header[:4] != b"\x7fELF" or machine not in TOOLS:
-        raise NoParts(f"{image} is no image of a board")
+        raise NoParts(f"{image} is not an image of a board")
     return TOOLS[machine]
 
 

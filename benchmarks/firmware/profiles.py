@@ -50,7 +50,7 @@ def measure(
 
 
 def prepared(folder: Path, seconds: float) -> Path:
-    """A card image with room for the log of so many seconds."""
+    """A card image with room for a log of this many seconds."""
     path = folder / "card.img"
     size = 48 + int(seconds * CARD_BYTES_A_SECOND) // 2**20
     with contextlib.redirect_stdout(io.StringIO()):

@@ -98,7 +98,7 @@ def aims_of(
     for number, (origin_s, _) in enumerate(holds):
         at = int(np.searchsorted(found.times_s, origin_s + 1.0))
         since = followed(found, params, at)
-        # What is shown less what went wrong since the origin: how it truly lies.
+        # The shown attitude less its error since the origin: the true attitude.
         off = rotation.multiply(wrong, rotation.inverse(wrong[at]))
         lies = rotation.multiply(rotation.inverse(off), found.quats)
         for begin_s, end_s in holds[number + 1 :]:
@@ -236,7 +236,7 @@ def shown(aims: Sequence[Aimed], kind: str) -> Iterator[dict[str, object]]:
 
 
 def figures_of(aims: Sequence[Aimed], kind: str) -> Iterator[Figure]:
-    """What must hold."""
+    """The limits."""
     whole = line_of(aims)
     by_what_is_shown = next(iter(MISSES_DEG))
     young = [

@@ -40,7 +40,7 @@ class Case:
     group: str
     name: str
     made: Callable[[int], Motion]
-    is_known: bool = True  # somebody has calibrated the sensors
+    is_known: bool = True  # the sensors are calibrated
     from_s: float = 15.0  # poses count from here on
     colder_k: float = 0.0  # than its calibration
 
@@ -155,7 +155,7 @@ def mag_inverted(seed: int) -> Motion:
 def both(
     group: str, name: str, made: Callable[[int], Motion], from_s: float = 15.0
 ) -> list[Case]:
-    """The case of sensors that somebody has calibrated, and of others."""
+    """The case of calibrated sensors, and of others."""
     return [Case(group, name, made, known, from_s) for known in (True, False)]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What poses state of their errors where a desk misleads a probe: magnets on it, steel
+"""The stated errors of poses where a desk misleads a probe: magnets on it, steel
 and mains near it, slow turns at power-on, cold, and sensors that have died.
 
 Prints a line a case, from the firmware's C on this machine, and writes
@@ -45,7 +45,7 @@ class Line:
 
 
 def measure(run: tuple[int, int], board: str) -> tuple[Stated, Stated]:
-    """What is stated of heading and tilt by CASES[index] with a seed."""
+    """The stated errors of heading and tilt in CASES[index] with a seed."""
     index, seed = run
     case = CASES[index]
     motion = case.made(seed)
@@ -134,7 +134,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         }
     args.output.parent.mkdir(parents=True, exist_ok=True)
     args.output.write_text(json.dumps(report.plain(document), indent=1) + "\n")
-    print(f"\n{missed} figures miss what they must be" if missed else "")
+    print(f"\n{missed} figures are outside their limits" if missed else "")
     return 1 if missed else 0
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Stated and true errors on made motions of good modules, on uneven ground, of modules
-from the shop and with faults, beside VQF's errors.
+"""Stated and true errors on simulated motions of good modules, on uneven ground, of
+modules from the shop and with faults, beside VQF's errors.
 
 docs/honesty.md describes the groups and the columns. Writes
 build/benchmarks/honesty-grounds.json. Even seeds are for tuning, odd ones for judging.
@@ -75,7 +75,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     example = "example: benchmarks/honesty/grounds.py --groups hand walking --each"
     parser = parser_of(__doc__, example, tuple(GROUNDS), seeds=SEEDS, few=3)
     parser.add_argument(
-        "--each", action="store_true", help="print a line for each recording, too"
+        "--each", action="store_true", help="also print a line for each recording"
     )
     args = parser.parse_args(argv)
     args.output = output_of(args, "grounds")
@@ -102,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         report.print_figures(figures, is_judged=True)
         if which == "judging":
             missed = sum(figure.verdict == "MISSED" for figure in figures)
-    print(f"\n{missed} figures miss what they must be" if missed else "")
+    print(f"\n{missed} figures are outside their limits" if missed else "")
     return 1 if missed else 0
 
 

@@ -22,7 +22,7 @@ UNCALIBRATED = ("shop", "one axis", "slow turn")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What our filter and VQF did on one recording at one board's rate."""
+    """The errors of our filter and of VQF on one recording at one board's rate."""
 
     group: str
     seed: int

@@ -2,7 +2,7 @@
 """Whether the errors that poses state since an origin are true, and inform: of a probe
 that lies still, and of one that a hand aims with.
 
-Every few seconds of a made motion is an origin (or of a recording, with
+Every few seconds of a simulated motion is an origin (or of a recording, with
 --recordings). At some times after each the change of
 the true error is compared with the stated one. Prints a line for each time, and writes
 build/benchmarks/honesty-since-origin.json. docs/pose.md explains the equations.
@@ -80,7 +80,8 @@ class Line:
 
 
 def known_params() -> bytes:
-    """Of a probe that knows its sensors as well as the motions draw them."""
+    """Params of a probe that knows the accuracy of its sensors as the motions draw
+    them."""
     norm_ut = float(np.linalg.norm(aiming.FIELD_UT))
     dip_deg = float(np.degrees(-np.arcsin(aiming.FIELD_UT[2] / norm_ut)))
     params = Params.decode(known_to(0.007, aiming.MAG_OWN_UT))
@@ -94,7 +95,7 @@ def known_params() -> bytes:
 
 
 def wrong_of(found: Estimate, truth: Motion) -> FloatArray:
-    """What is wrong with each pose, as a turn in the world."""
+    """The error of each pose, as a rotation in the world."""
     assert truth.quat is not None
     known_s = np.arange(len(truth)) / truth.rate_hz
     true = rotation.interpolate(found.times_s, known_s, truth.quat)
@@ -195,7 +196,7 @@ def measure_recording(path: Path, board: str, every: int) -> tuple[str, list[Pai
 
 
 def stated(errors: Sequence[float], sigmas: Sequence[float | None]) -> Stated:
-    """What these sigmas were worth for these errors."""
+    """The quality of these sigmas for these errors."""
     known = [(e, s) for e, s in zip(errors, sigmas, strict=True) if s is not None]
     error, sigma = np.array(known).reshape(-1, 2).T
     return Stated(
@@ -221,7 +222,7 @@ def lines_of(found: Sequence[tuple[str, list[Pair]]]) -> Iterator[Line]:
 
 
 def figures(lines: Sequence[Line]) -> Iterator[Figure]:
-    """What must hold of the lines; degrees and shares in percent."""
+    """The limits of the lines; degrees and shares in percent."""
     two = {(e.motion, e.after_s): 2.0 * e.heading.sigma for e in lines}
     inside = [min(e.heading.inside, e.tilt.inside) for e in lines]
     yield degrees("still, two sigma after 120 s", two["still", 120.0], 0.3, 0.2)
@@ -249,7 +250,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seeds", metavar="N", type=int, default=SEEDS)
     parser.add_argument("--quick", action="store_true", help="3 seeds")
     parser.add_argument(
-        "--every", metavar="N", type=int, default=1, help="of so many poses take one"
+        "--every", metavar="N", type=int, default=1, help="use one pose in N"
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
     parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What poses state of one error, beside the true error."""
+"""A stated error of poses, beside the true error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from imud.rotation import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """What is stated of tilt or heading, over the poses of one or of several runs."""
+    """The stated error of tilt or heading, over the poses of one or of several runs."""
 
     true_deg: float  # rms
     stated_deg: float  # median of the sigmas; NaN without any

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What strangers cost the others: a daemon with keys, four probes at 200 Hz and a
-subscriber over TLS, first alone, then beside all attacks of ATTACKS at once.
+"""The cost of attackers for other clients: a daemon with keys, four probes at 200 Hz
+and a subscriber over TLS, first alone, then beside all attacks of ATTACKS at once.
 
 example: python -m benchmarks.host.attacks --minutes 60
 """
@@ -116,7 +116,7 @@ def attack(addresses: Sequence[Address], seconds: float) -> None:
 
 
 class Arrived(msgspec.Struct):
-    """What is noted of a pose: whole ones of an hour would take gigabytes."""
+    """The recorded part of a pose: whole ones of an hour would take gigabytes."""
 
     probe: str
     seq: int

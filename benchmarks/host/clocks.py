@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What dating a message costs: bytes that a probe's clock keeps and microseconds for
-each message, along a million of them.
+"""The cost of dating a message: bytes of a probe's clock, and microseconds for each
+message, along a million of them.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Desk:
         self._number = 0
 
     def go(self, count: int) -> float:
-        """Date so many messages; return the seconds of CPU for each."""
+        """Date `count` messages; return the seconds of CPU for each."""
         cases = [self._case() for _ in range(count)]
         clock, timeline = self._clock, self._timeline
         begin = time.process_time()

@@ -49,8 +49,8 @@ HELLO_ID = next(message.id for message in schema.MESSAGES if message.name == "he
 
 
 def rate_of(feed: Callable[[bytes], int], data: bytes, seconds: float) -> float:
-    """Frames a second of CPU time, the best run within so many seconds: other programs
-    slow down the rest.
+    """Frames per second of CPU time, the best run within this many seconds: other
+    programs slow down the rest.
     """
     reads = [data[i : i + READ_BYTES] for i in range(0, len(data), READ_BYTES)]
     best, until = 0.0, time.monotonic() + seconds

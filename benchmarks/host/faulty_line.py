@@ -17,7 +17,7 @@ from imud.probes.session import Probe, Received, Session
 CHUNK = 20  # frames a read: about what a USB bridge delivers at once
 START_NS = 1_800_000_000_000_000_000
 
-# One chunk in so many has the fault. In 12 h of 4 probes each occurs thousands of
+# One chunk in this many has the fault. In 12 h of 4 probes each occurs thousands of
 # times, except those after which a probe has to be found again.
 FAULTS = {"flip": 150, "cut": 400, "double": 300, "reset": 20_000, "unplug": 10_000}
 
@@ -36,7 +36,8 @@ DISHONEST_MAX = 0.01
 
 @dataclass(slots=True)
 class Truth:
-    """What arrived from one probe, found by comparing bytes, not by any CRC."""
+    """The messages that arrived from one probe, found by comparing bytes, not by any
+    CRC."""
 
     whole: int = 0  # frames that arrived as they were sent, copies included
     spans: dict[int, tuple[int, int]] = field(default_factory=dict)  # of each boot
@@ -173,7 +174,7 @@ class Line:
         if self._session is None:
             return
         for _ in self._hear(self._session.close()):
-            raise AssertionError("nothing becomes good at the end")
+            raise AssertionError("no frame is valid at the end")
         counts = self._session.counts()
         for name in ("bytes", "frames", "corrupt", "partial", "unnamed"):
             self.sessions[name] += counts[name]

@@ -38,7 +38,7 @@ SCREEN = 16
 
 
 class Size(msgspec.Struct, frozen=True):
-    """What one row of the table is made of."""
+    """The data of one row of the table."""
 
     probes: int
     rate_hz: int
@@ -110,7 +110,7 @@ def route(listen: str, connect: str, to: Connection) -> None:
 
 
 def consume(endpoint: str, hears: list[list[str]], to: Connection) -> None:
-    """Consumers, each of some probes: counts what comes, and gaps by number."""
+    """Consumers, each of some probes: counts messages and sequence gaps."""
     counts: list[dict[str, list[int]]] = [{} for _ in hears]
 
     def counting(heard: dict[str, list[int]]) -> Callable[[zenoh.Sample], None]:

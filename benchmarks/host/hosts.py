@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What probes, daemons, routers and consumers cost: messages and bytes a second by hop,
-processor time and memory by process, latency by hop, loss.
+"""The cost of probes, daemons, routers and consumers: messages and bytes a second by
+hop, processor time and memory by process, latency by hop, loss.
 
 Probes are frames that a process writes to ptys. Each daemon is a client of a router;
 the routers form a chain, and consumers connect to the last one. The first consumer

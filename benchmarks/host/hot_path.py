@@ -49,7 +49,7 @@ class Kept(Hub):
 
 
 class AnyPort:
-    """What the intake needs of a port."""
+    """The interface of a port for the intake."""
 
     name = "port"
     baud = 115_200
@@ -145,7 +145,7 @@ def publishing(items: Sequence[Item]) -> Work:
 
 
 def least_us(make: Callable[[], Work], count: int, runs: int) -> float:
-    """Of this thread, for one of `count` messages."""
+    """The time of this thread for one of `count` messages."""
     found = []
     for _ in range(runs):
         work = make()

@@ -107,7 +107,7 @@ def log_taken(hub: Hub, probe: str) -> int:
 def soak(
     hours: float, probes: int, seed: int, folder: Path, keep_mb: int = 0
 ) -> dict[str, Any]:
-    """Run so many hours of probes; `ok` in the result: whether everything adds up."""
+    """Run this many hours of probes; `ok` in the result: whether everything adds up."""
     lines = [Line(number, seed) for number in range(probes)]
     counting = Counting()
     retention = Retention(bytes=keep_mb * 10**6)

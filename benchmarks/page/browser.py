@@ -35,7 +35,7 @@ PROBES = 8
 PATIENCE_S = 30.0
 WARM_UP_S = 7.0  # the picture adapts to the machine meanwhile
 
-# Of each drawn frame: when it was, how long it took, and the age of the pose since the
+# For each drawn frame: its time, its duration, and the age of the pose since the
 # daemon had read it from the port. Both clocks are this machine's.
 WATCH = """() => {
   const { imud } = globalThis;
@@ -116,7 +116,7 @@ def opened(browser: Browser, url: str, view: str) -> tuple[Page, dict[str, float
 
 
 def drawing(page: Page, seconds: float) -> dict[str, float]:
-    """What the browser does in that time."""
+    """The browser's activity in that time."""
     page.evaluate(WATCH)
     page.wait_for_timeout(1000 * seconds)
     notes = page.evaluate("globalThis.notes")
@@ -192,7 +192,7 @@ def draw_like_a_browser(url: str, to: Connection) -> None:
 
 
 def cost(pid: int, url: str, browsers: int, seconds: float) -> dict[str, float]:
-    """The daemon's CPU with so many browsers; the last of several is stopped."""
+    """The daemon's CPU with this many browsers; the last of several is stopped."""
     spawn = multiprocessing.get_context("spawn")
     pipes, processes = [], []
     for _ in range(browsers):

@@ -38,7 +38,7 @@ AIM = """() => {
   localStorage.setItem("imud.target", JSON.stringify("entry"));
 }"""
 
-# Anew, if it was begun for another picture.
+# Restarted if it was begun for another picture.
 CALIBRATE = """async () => {
   const { link } = globalThis.imud.model;
   await link.calibrate("module", "stop");

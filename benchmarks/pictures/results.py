@@ -254,7 +254,7 @@ def load(name: str, how: str) -> dict[str, Any]:
     """Read a benchmark's JSON; raises RunFailed if it is absent."""
     path = RESULTS / name
     if not path.exists():
-        raise RunFailed(f"{path.relative_to(PROJECT)} is not there; run {how}")
+        raise RunFailed(f"{path.relative_to(PROJECT)} is missing; run {how}")
     found: dict[str, Any] = json.loads(path.read_text())
     return found
 

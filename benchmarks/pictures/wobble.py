@@ -61,7 +61,8 @@ def probe(x: float, y: float, lean_deg: float, opacity: float) -> str:
 
 
 def swung(x: float, y: float, index: int) -> Iterator[str]:
-    """Leaning to both sides, with an arrow to and fro; `index` 1 is seen from ahead."""
+    """Leaning to both sides, with an arrow in both directions; `index` 1 is seen from
+    ahead."""
     for lean_deg, opacity in ((-LEAN_DEG, 0.35), (LEAN_DEG, 0.35), (0.0, 1.0)):
         yield probe(x, y, lean_deg, opacity)
     radius = LONG + 18.0

@@ -31,7 +31,7 @@ def corners(found: Found, *, is_closed: bool) -> float:
     """The rms error of a path's corners, m; closed: its end is laid onto its start."""
     way = np.cumsum(found.path, axis=0)
     if is_closed:
-        # What the last corner is off is spread evenly over the strokes.
+        # The closure error at the last corner is spread evenly over the strokes.
         share = np.arange(1, len(way) + 1)[:, None] / len(way)
         way = way - share * way[-1]
     return float(np.sqrt(np.mean(np.sum(way**2, axis=1))))

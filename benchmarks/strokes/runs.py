@@ -72,7 +72,7 @@ def motion_of(plan: Plan, seed: int) -> Motion:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is measured, with what and how."""
+    """The measurement: motion, module and procedure."""
 
     name: str
     plan: Plan
@@ -81,7 +81,7 @@ class Case:
 
 
 def params_of(case: Case) -> bytes:
-    """What the probe knows of itself: that it is calibrated, and its button."""
+    """The probe's params: its calibration, and its button."""
     params = Params()
     if case.module != "raw":
         known = {"bias_counts": [0, 0, 0], "matrix": ALMOST, "method": "guided"}

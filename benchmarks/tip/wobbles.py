@@ -84,7 +84,7 @@ GOOD = tuple(case.name for case in CASES[:4])
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What came of a wobble. `error_mm`: None where it was refused."""
+    """The result of a wobble. `error_mm`: None if it was refused."""
 
     kind: str  # "found", or why it was refused
     base: str  # firm, slips, soft
@@ -94,7 +94,8 @@ class Run:
 
 
 def any_wobble(random: np.random.Generator) -> Wobble:
-    """Of half the hands the tip stays, of a fifth it slips; other bases give."""
+    """In half of the runs the tip stays, in a fifth it slips; in the others the base
+    yields."""
     wobble = replace(
         USUAL,
         swing_deg=random.uniform(8.0, 35.0),
@@ -112,7 +113,7 @@ def any_wobble(random: np.random.Generator) -> Wobble:
 
 
 def params_of(kind: str) -> Params:
-    """What the probe knows of its sensors."""
+    """The probe's params."""
     params = Params()
     none = {
         "bias_counts": (0.0, 0.0, 0.0),
@@ -128,7 +129,7 @@ def params_of(kind: str) -> Params:
 def motion_of(
     case: Case, seed: int, seconds: float = LONGEST_S
 ) -> tuple[Motion, FloatArray, Wobble]:
-    """What a module feels, where the tip is, and how it was wobbled."""
+    """A module's samples, the place of the tip, and the wobble."""
     random = np.random.default_rng([seed, 0x719])
     wobble = case.wobble or any_wobble(random)
     # Along the probe, which is x, and as far aside as a sensor may sit.
@@ -151,7 +152,7 @@ def samples_of(felt: Motion, chip: feed.Chip) -> tuple[Scale, list[Sample]]:
 def judged(
     scale: Scale, samples: Sequence[Sample], case: Case, tip: FloatArray, wobble: Wobble
 ) -> Run:
-    """What the guide says of these samples."""
+    """The guide's result for these samples."""
     base = "slips" if wobble.slip_m else "soft" if wobble.give else "firm"
     guide = Dimpling(scale, params_of(case.module))
     found: TipFound | CalibrationFault | None = None
@@ -213,7 +214,7 @@ def row_of(name: str, runs: Sequence[Run]) -> dict[str, object]:
 
 
 def share_bad(found: Sequence[Run]) -> float:
-    """Of those that were accepted."""
+    """The share of bad ones among accepted runs."""
     return float(np.mean([(run.error_mm or 0.0) > 1000.0 * BAD_M for run in found]))
 
 

@@ -3,7 +3,7 @@
 the machine goes: faults, commands and the button from a seed, each pose against the
 twin's, and a line for each hour.
 
-Ctrl-C, or the end of --minutes, stops the boards where they are. The next call goes on
+Ctrl-C, or the end of --minutes, stops the boards where they are. The next call resumes
 from there, as long as the machine has not been started again meanwhile; --fresh, or
 make hours FRESH=1, gives up what is under way.
 
@@ -54,7 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("boards", nargs="*", help="nano, f405 (default: both)")
     parser.add_argument("--hours", type=float, default=12.0, help="(default: 12)")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--minutes", type=float, help="stop after so many, to go on")
+    parser.add_argument(
+        "--minutes", type=float, help="stop after this many, to continue"
+    )
     parser.add_argument(
         "--every",
         type=float,
@@ -63,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"mean time between two faults or commands (default: {EVERY_S:g})",
     )
     parser.add_argument(
-        "--fresh", action="store_true", help="give up a run that is under way"
+        "--fresh", action="store_true", help="abandon a run in progress"
     )
     parser.add_argument("--folder", type=Path, default=FOLDER, help=argparse.SUPPRESS)
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
@@ -82,27 +84,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _begin(name: str, options: argparse.Namespace) -> Path:
-    """Goes on with the board's run that is under way, or begins one."""
+    """Continues with the board's run that is under way, or begins one."""
     folder: Path = options.folder / name
     folder.mkdir(parents=True, exist_ok=True)
     state = _state(folder)
     if state and not state["end"]:
         at = f"at {state['device_s'] / 3600:.2f} of {state['seconds'] / 3600:g} h"
         if not _is_alive(state):
-            sys.stderr.write(f"{name}: the run {at} is gone; one begins anew\n")
+            sys.stderr.write(f"{name}: the run {at} is lost; starting a new one\n")
         elif options.fresh:
             os.killpg(state["pid"], signal.SIGKILL)
-            sys.stderr.write(f"{name}: the run {at} is given up\n")
+            sys.stderr.write(f"{name}: the run {at} is abandoned\n")
         else:
             os.killpg(state["pid"], signal.SIGCONT)
-            sys.stderr.write(f"{name}: goes on {at}, seed {state['seed']}\n")
+            sys.stderr.write(f"{name}: continues {at}, seed {state['seed']}\n")
             return folder
     for name_before in ("state.json", LAST):
         (folder / name_before).unlink(missing_ok=True)
     words = ["--worker", name, "--folder", options.folder, "--seed", options.seed]
     words += ["--hours", options.hours, "--every", options.every]
     with (folder / "worker.txt").open("w") as said:
-        # In a group of its own, which stops and goes on as one.
+        # In a group of its own, which stops and continues as one.
         subprocess.Popen(
             [sys.executable, "-m", "hours", *map(str, words)],
             cwd=ROOT / "tests",
@@ -173,11 +175,11 @@ def _tell(base: Path, states: Sequence[dict[str, Any]]) -> int:
         if state["problems"]:
             code = 1
             if (last := folder / LAST).exists():
-                out.append(f"what came until the first of them: imud decode {last}")
+                out.append(f"messages up to the first of them: imud decode {last}")
         elif not state["end"]:
             is_there = _is_alive(state)
             out.append(
-                "stopped there; the next call goes on"
+                "stopped there; the next call continues"
                 if is_there
                 else f"it ended too early: see {folder}/worker.txt and emulator.txt"
             )

@@ -35,7 +35,7 @@ PROBLEMS_MAX = 20
 
 
 class Judge:
-    """Takes a probe's bytes. `problems` says what is wrong, first of all first."""
+    """Checks a probe's bytes. `problems` lists the errors, the first one first."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []
@@ -56,14 +56,14 @@ class Judge:
 
     @property
     def wraps(self) -> int:
-        """How often the device clock began anew."""
+        """How often the device clock wrapped."""
         return self.device_us // _WRAP
 
     def take(self, data: bytes) -> None:
         self._see(self._session.receive(data, None))
 
     def part(self) -> dict[str, Any]:
-        """What came until now, and the extremes since the last call."""
+        """Totals so far, and the extremes since the last call."""
         found = {
             "hours": round(self.device_us / 3.6e9, 3),
             "wraps": self.wraps,

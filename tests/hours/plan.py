@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What happens to a probe in hours: faults of its sensor and its bus, commands, the
+"""Scheduled events of a probe in hours: faults of its sensor and its bus, commands, the
 button, noise on the wire. All of it is drawn from a seed.
 
-Nothing here resets the board, so whoever judges the run expects one boot.
+Nothing here resets the board, so the judge of the run expects one boot.
 """
 
 from __future__ import annotations

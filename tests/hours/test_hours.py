@@ -45,7 +45,7 @@ def state_of(folder: Path, board: Board) -> dict[str, Any]:
 def test_both_boards_stop_and_go_on_and_come_to_a_good_end(tmp_path: Path) -> None:
     done = make_hours(tmp_path, "--minutes", "0.02")
     assert done.returncode == 75, done.stderr
-    assert "stopped there; the next call goes on" in done.stdout
+    assert "stopped there; the next call continues" in done.stdout
     halfway = [state_of(tmp_path, board) for board in (NANO, F405)]
     assert not all(state["end"] for state in halfway)
     # Another seed does not give up what is under way.
@@ -54,7 +54,7 @@ def test_both_boards_stop_and_go_on_and_come_to_a_good_end(tmp_path: Path) -> No
     assert done.stderr.count("of 0.0166667 h, seed 1\n") == 2
     for before, board in zip(halfway, (NANO, F405), strict=True):
         state = state_of(tmp_path, board)
-        assert state["pid"] == before["pid"]  # not begun anew
+        assert state["pid"] == before["pid"]  # not restarted
         assert state["problems"] == []
         assert [part["hours"] for part in state["parts"]][-1] == 0.017
         assert state["parts"][-1]["compared"] > 1000
@@ -98,7 +98,7 @@ def test_a_run_under_way_is_given_up_only_if_that_is_asked_for(tmp_path: Path) -
     before = state_of(tmp_path, NANO)
     done = make_hours(tmp_path, "nano", "--minutes", "0.02", "--seed", "2", "--fresh")
     assert "nano: the run at 0.0" in done.stderr
-    assert "is given up" in done.stderr
+    assert "is abandoned" in done.stderr
     after = state_of(tmp_path, NANO)
     assert (before["seed"], after["seed"]) == (1, 2)
     assert started(before["pid"]) != before["started"]

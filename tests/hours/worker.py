@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """One board's hours: its emulator, fed and judged, and a file that says how far it is.
 
-The emulator writes into a pipe with a name: it goes on only as fast as it is judged, so
+The emulator writes into a pipe with a name: it runs only as fast as it is judged, so
 that hours leave no file.
 """
 

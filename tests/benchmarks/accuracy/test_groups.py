@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the benchmark on made recordings says of results made by hand, and of one that
+"""The benchmark on simulated recordings: its report of given results, and of one that
 it measures."""
 
 from __future__ import annotations

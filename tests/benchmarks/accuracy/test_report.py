@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the benchmark says of results made by hand, and its command line."""
+"""The benchmark's report of given results, and its command line."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_without_vqf_there_are_no_ratios_and_without_ours_no_figures() -> None:
     [
         ({"unequal": 3}, "3 DIFFER"),
         ({"lost": 2}, "2 samples or messages lost"),
-        ({"tilt": 0.5}, "1 figures miss"),
+        ({"tilt": 0.5}, "1 figures are outside"),
     ],
 )
 def test_what_must_not_be_is_said_and_makes_the_exit_code_1(

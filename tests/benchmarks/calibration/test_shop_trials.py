@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is counted of public recordings with shop modules."""
+"""The counts of public recordings with shop modules."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ HOUSE = ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
 @cache
 def turned() -> motion.Motion:
     """Level at a heading of 120 degrees, then 30 degrees about each axis, at rest after
-    each: whoever takes the world for another than east, north, up is far off.
+    each: an engine whose world is not east, north, up is far off.
     """
     rate_hz, hold = 300.0, 3.0
     start = rotation.from_heading_pitch_roll(np.radians(120.0), 0.0, 0.0)

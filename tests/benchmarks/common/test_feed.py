@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the engines are fed: made from a motion, beside what the image read of it."""
+"""The engines' input: simulated from a motion, beside the image's readings of it."""
 
 from __future__ import annotations
 

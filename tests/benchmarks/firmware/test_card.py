@@ -54,7 +54,7 @@ def test_a_sample_that_is_missing_on_either_side_is_told() -> None:
     for is_of_wire in (True, False):
         one, other = contents(100), contents(100)
         del (one if is_of_wire else other)[40]
-        with pytest.raises(card.ItDiffers, match="is not what was sent"):
+        with pytest.raises(card.ItDiffers, match="differs from the sent one"):
             compared(one, other)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The benchmark of stated errors on made motions: its figures and its program."""
+"""The benchmark of stated errors on simulated motions: its figures and its program."""
 
 from __future__ import annotations
 

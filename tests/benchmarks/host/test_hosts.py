@@ -43,7 +43,7 @@ def test_a_loss_is_explained_by_a_pty_or_by_a_gap_in_numbers(tmp_path: Path) -> 
         tmp_path,
         [sent(1, n, overrun=int(n == 4)) for n in range(1, 9)]
         + [sent(2, n) for n in range(1, 4)],
-        # The first is not heard yet, 4 overran, 6 is missing by number.
+        # The first came before the subscription, 4 overran, 6 is a sequence gap.
         [
             row_of(1, 2, 2),
             row_of(1, 3, 3),

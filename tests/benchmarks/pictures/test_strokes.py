@@ -15,7 +15,7 @@ ERRORS = np.full((3, 3), 0.001)
 
 
 class Path:
-    """What the picture needs of a run and of what is found."""
+    """The parts of a run and its results that the picture needs."""
 
     true = WAYS
     path = errors = ERRORS

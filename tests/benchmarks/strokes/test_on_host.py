@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the benchmark of strokes measures, and what it says of figures made by hand."""
+"""The benchmark of strokes: its measurements, and its report of given figures."""
 
 from __future__ import annotations
 
