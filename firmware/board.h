@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What a board provides to main.c. Chosen at link time by the folder that is compiled.
-// Every function but board_init returns within 5 ms; none is called from an interrupt.
+// The interface of a board for main.c. Chosen at link time by the folder that is
+// compiled. Every function but board_init returns within 5 ms; none is called from an
+// interrupt.
 #ifndef BOARD_H
 #define BOARD_H
 
@@ -19,8 +20,8 @@ void board_init(void);
 // Device time, microseconds since reset, wraps after 71.6 min.
 uint32_t board_time_us(void);
 
-// Who this board is: enum board of the protocol, its reset cause (flags reset_cause),
-// and processor cycles a microsecond.
+// Identity of this board: enum board of the protocol, its reset cause (flags
+// reset_cause), and processor cycles a microsecond.
 uint8_t board_kind(void);
 uint8_t board_reset_cause(void);
 // Where the program was when it came to grief before this start, or 0.
@@ -68,7 +69,7 @@ extern const IN_FLASH struct memory board_memory;
 uint16_t board_supply_mv(void);
 uint16_t board_stack_free(void);
 
-// What the board has beside sensor, wire and button: clock, radio, card, battery.
+// Equipment beside sensor, wire and button: clock, radio, card, battery.
 // Nothing in a build with PROBE_WIRE_ONLY. `begin` says so to the probe, after
 // probe_begin; `step` is for each turn of the main loop.
 #ifdef PROBE_WIRE_ONLY
@@ -85,7 +86,8 @@ static inline bool board_equipment_is_done(void) {
 #else
 void board_equipment_begin(struct probe *probe);
 void board_equipment_step(struct probe *probe, uint32_t now_us);
-// Nothing is left to be written: power may go. After wants_reset it gets so by itself.
+// Nothing is left to be written: power may fail. After wants_reset it becomes
+// true automatically.
 bool board_equipment_is_done(void);
 #endif
 

@@ -31,7 +31,7 @@ ASLEEP = "the firmware sleeps with no interrupt enabled"
 
 
 class Output(NamedTuple):
-    """What a run gave: its lines by name, its bytes, the summary, stderr."""
+    """The output of a run: its lines by name, its bytes, the summary, stderr."""
 
     lines: dict[str, list[int]]
     data: bytes
@@ -55,7 +55,7 @@ def image(program: str) -> Path:
 
 
 def run(program: str, folder: Path, *more: str, code: int = 1) -> Output:
-    """Run a program. It ends by itself, asleep for good, unless `code` says else.
+    """Run a program. It ends by going to sleep permanently, unless `code` is another.
 
     A run without options is made once: it would give the same again.
     """
@@ -98,7 +98,7 @@ def refused(program: str, *more: str) -> str:
 
 
 def ended(program: str, folder: Path, *more: str) -> dict[str, list[int]]:
-    """Run a program that ends by itself and has done nothing against the manuals."""
+    """Run a program that exits and has not violated the manuals."""
     output = run(program, folder, *more)
     assert ASLEEP in output.errors, output.errors
     assert output.summary["firmware_complaint"] is None

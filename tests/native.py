@@ -269,7 +269,7 @@ class _Build:
         return target
 
     def _is_whole(self, header: Path) -> bool:
-        """Whether a header compiles by itself; if not, raises unless _is_partial().
+        """Whether a header compiles alone; if not, raises unless _is_partial().
 
         A header that does is not compiled again until it or one beside it changes.
         """

@@ -15,8 +15,8 @@ void clock_start(void);
 // clock.c does not list, from the oscillator inside. Takes 53 ms at most.
 void clock_init(void);
 
-// NMI: the crystal has stopped. The processor goes on from the oscillator inside, which
-// is good to 1 % at 25 degC, 4 % from -10 to 85 degC (data sheet, "HSI oscillator
+// NMI: the crystal has stopped. The processor continues from the oscillator inside,
+// which is good to 1 % at 25 degC, 4 % from -10 to 85 degC (data sheet, "HSI oscillator
 // characteristics").
 void clock_failed(void);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What core/probe/equipment.h asks of this board: its clock, radio, SPI and power, and
-// the memory of the log.
+// The functions of core/probe/equipment.h for this board: its clock, radio, SPI and
+// power, and the memory of the log.
 #include "core/probe/equipment.h"
 
 #include "../board.h"

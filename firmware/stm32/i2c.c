@@ -140,7 +140,7 @@ static enum i2c_progress end_burst(void) {
 }
 
 // A bus error alone ends nothing. The hardware can report one that did not happen
-// (ES0182, "Spurious bus error detection in master mode"), and goes on with the
+// (ES0182, "Spurious bus error detection in master mode"), and continues with the
 // transfer in any case ("Bus error (BERR)"). After a real one, a START or STOP that is
 // not ours, the device is off the bus. Then it acknowledges no byte, which AF tells,
 // or, if it was sending, all that follows reads as ones. Those are looked for here.
@@ -249,7 +249,7 @@ enum i2c_progress i2c_step(void) {
             return end(BUS_NACK);
         }
         if ((errors & I2C_SR1_ARLO) != 0) {
-            // With one master on it, somebody else pulls at the wires.
+            // With one master on the bus, something else drives the wires.
             return end(BUS_STUCK);
         }
         suspect(sr1);

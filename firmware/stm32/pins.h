@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What is wired where on a pyboard (docs/f405.md), and its clocks.
+// The wiring of a pyboard (docs/f405.md), and its clocks.
 #ifndef PINS_H
 #define PINS_H
 
@@ -35,7 +35,7 @@ enum {
     PIN_MMA_SUPPLY = 5,    // of the board's own accelerometer, on the same bus: off
     PIN_SCL = 6,           // X9, alternate function 4: I2C1
     PIN_SDA = 7,           // X10
-    PIN_LINK = 12,         // Y5, the RN-41's PIO2, high while somebody is connected
+    PIN_LINK = 12,         // Y5, the RN-41's PIO2, high while a host is connected
     PIN_RADIO_RESET = 13,  // Y6, its RESET_N, open drain
     // Port C.
     PIN_BATTERY = 0,      // X19: channel 10 of ADC1, half its voltage

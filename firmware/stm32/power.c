@@ -18,7 +18,7 @@ enum {
     PERIOD_US = BATTERY_PERIOD_MS * 1000,
 };
 
-// Numbers that memory is unlikely to hold by itself.
+// Numbers that memory is unlikely to contain by chance.
 enum { MARK_SLEEP = 0x051EEBED };
 
 __attribute__((section(".noinit"))) static struct { uint32_t mark, inverse; } wish;

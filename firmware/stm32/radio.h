@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What is at the other end of the wire, a cable or an RN-41, and the functions of
+// The other end of the wire, a cable or an RN-41, and the functions of
 // board.h that send and receive.
 //
 // For who calls: radio_init() once USART2 and its pins have their clocks, then
@@ -7,14 +7,15 @@
 // - RN41_LINKED: board_send() says yes from now on, and nothing has been sent: the
 // first
 //   message is to be a hello, at once, then the event radio_connected.
-// - RN41_DROPPED: radio_dropped, which reaches whoever connects next, and the card.
-// - RN41_FAULT: radio_fault with radio_cause(). Tries go on, without more events, until
+// - RN41_DROPPED: radio_dropped, for the next host that connects, and for the card.
+// - RN41_FAULT: radio_fault with radio_cause(). Tries continue, without more events,
+// until
 //   there is RN41_LINKED or radio_state() says that it waits.
 // Over a cable there is no event: board_send() says yes from reset on. A module looks
 // like one while it starts, a second or so, as its pin floats: what is sent then
 // reaches nobody.
 //
-// A module from the factory runs at another rate until it has been set up: whoever
+// A module from the factory runs at another rate until it has been set up: a host that
 // keeps connecting to it meanwhile, within two seconds of each start, keeps it from
 // that.
 #ifndef RADIO_H

@@ -20,7 +20,7 @@ enum {
     FRAME_BYTES = 32,  // r0 to r3, r12, lr, pc, psr
 };
 
-// Numbers that memory is unlikely to hold by itself.
+// Numbers that memory is unlikely to contain by chance.
 enum mark { MARK_FAULT = 0x0FA17BAD, MARK_HANG = 0x4A46BAD1, MARK_ASKED = 0x0B007ED1 };
 
 __attribute__((section(".noinit"))) struct reset_record reset_record;

@@ -6,7 +6,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-// What is left of a program that came to grief, in memory that a reset does not clear.
+// The record of a crashed program, in memory that a reset does not clear.
 // It stays for a debugger (print reset_record) until the next one overwrites it.
 struct reset_record {
     uint32_t mark;  // which kind; nothing once it has been told

@@ -151,7 +151,7 @@ void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {
     irq_enable(IRQ_I2C1_EVENT, PRIORITY_SAMPLING);
     irq_enable(IRQ_I2C1_ERROR, PRIORITY_SAMPLING);
     const uint32_t primask = cpu_mask();
-    // Of a reading that waits already nobody knows since when.
+    // The age of a reading that already waits is unknown.
     is_waiting = (GPIOB->idr & BIT(PIN_DATA_READY)) != 0;
     is_stale = is_waiting;
     edge_us = clock_us();

@@ -28,7 +28,7 @@ static struct dma_stream *const to_card = &DMA2->stream[3];
 
 static volatile bool is_done = true;
 
-// What is sent and where goes what comes, where nobody cares. Not constant, as it is to
+// Source and destination of bytes that are not used. Not constant, as it is to
 // lie in RAM.
 static uint8_t ones = 0xFF;
 static uint8_t unwanted;
@@ -93,7 +93,7 @@ static void set_fast(void *port, bool is_fast) {
 static void begin(void *port, const uint8_t *out, uint8_t *in, uint16_t length) {
     (void)port;
     stop_both();
-    // Of an exchange that was given up: a byte in each register, two at most.
+    // Left from an aborted exchange: a byte in each register, two at most.
     for (uint8_t i = 0; i < 2; i++) {
         for (uint16_t j = 0; (SPI1->sr & SPI_SR_BSY) != 0 && j < TURNS_MAX; j++) {
         }

@@ -21,7 +21,7 @@ void uart_forget(void);
 
 // Takes all `length` bytes or, where there is no room, none.
 bool uart_send(const uint8_t *bytes, uint8_t length);
-// All has left, or CTS has held it for 0.5 s while somebody asked: it may never.
+// Everything was sent, or CTS has blocked it for 0.5 s of calls: it may never be sent.
 bool uart_is_idle(void);
 // The next received byte, or -1.
 int16_t uart_receive(void);

@@ -150,7 +150,7 @@ def test_a_start_without_a_reset_finds_the_bus_whatever_was_on_it(
     assert starts(run) == [POWER_ON, *[WATCHDOG] * 30]
     # OCIE0A alone, of the board's own clock.
     assert run.numbers("masks") == [[2]] * 30
-    # The sensor goes on, but nobody listens until sampling is started.
+    # The sensor continues, but nobody listens until sampling is started.
     assert [ready for *_, ready, _, _ in run.numbers("took")] == [0] * 30
     reads = run.numbers("read")
     assert all(us < BOUND_US for *_, us in reads)

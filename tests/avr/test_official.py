@@ -41,7 +41,7 @@ def built(
             text=True,
             check=False,
         )
-    # An image that is too large for the bootloader is linked all the same.
+    # An image that is too large for the bootloader is linked anyway.
     assert done.returncode == 0 or "greater than maximum" in done.stderr, done.stderr
     return folder
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What is around a Nano that runs in avr8js: the sensor's model in C, byte by byte on
-the bus, its motion, the button, and the host on the UART.
+"""The surroundings of a Nano that runs in avr8js: the sensor's model in C, byte by byte
+on the bus, its motion, the button, and the host on the UART.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ HEADERS = (
 
 @dataclass(slots=True)
 class Seen:
-    """What went over the bus."""
+    """The transactions on the bus."""
 
     written: set[tuple[int, int]] = field(default_factory=set)  # register, value
     reads: Counter[int] = field(default_factory=Counter)  # by their bytes
@@ -106,13 +106,13 @@ class Chip:
 
     @property
     def next_ns(self) -> float:
-        """When something next happens by itself."""
+        """The time of the next event."""
         event = self.lib.mpu9250_chip_next_event(self.chip)
         return math.inf if event == NEVER else float(event)
 
     @property
     def complaint(self) -> str | None:
-        """What the host did first against the chip's documents."""
+        """The host's first violation of the chip's documents."""
         text = self.lib.mpu9250_chip_complaint(self.chip)
         return None if text == self.ffi.NULL else self.ffi.string(text).decode()
 

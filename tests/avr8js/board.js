@@ -151,7 +151,7 @@ export class Board {
     return this.#isReset;
   }
 
-  // Idle mode (10.3), in which clocks go on; for avr8js SLEEP is a NOP.
+  // Idle mode (10.3), in which clocks continue; for avr8js SLEEP is a NOP.
   #sleep() {
     const { cpu } = this;
     const at = cpu.pc;

@@ -36,7 +36,7 @@ load(fs.readFileSync(image, "ascii"), new Uint8Array(kept.program.buffer));
 const outside = new Outside();
 try {
   while (new Board(avr8js, outside, kept).run()) {
-    // A reset: the next board goes on with what is kept.
+    // A reset: the next board continues with what is kept.
   }
 } catch (error) {
   if (!(error instanceof Gone)) {

@@ -18,9 +18,9 @@ export const FLAG_END = 4; // the run is over
  * @typedef {object} Reply
  * @property {number} value
  * @property {number} flags
- * @property {number} next_ns when something next happens by itself
+ * @property {number} next_ns the time of the next event
  * @property {Buffer} bytes for the board's UART
- */
+ * */
 
 /** The other side has ended, and so does this one. */
 export class Gone extends Error {}

@@ -40,7 +40,7 @@ GRAVITY = 9.80665  # m/s2
 
 @dataclass
 class Heard:
-    """What came over the wire: POSES poses, and then those after a reset."""
+    """Messages on the wire: POSES poses, and then those after a reset."""
 
     contents: list[bytes] = field(default_factory=list)
     reset_at: int = 0  # how many of them came before

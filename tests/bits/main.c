@@ -23,7 +23,7 @@ static struct pose_tracker tracker;
 static struct own_field own;  // as the last hello told it
 #endif
 static bool has_sensor;
-static bool has_sample;  // no hello begins anew what has begun
+static bool has_sample;  // no further hello restarts it
 
 static void send(const uint8_t *bytes, uint8_t length) {
     while (!board_send(bytes, length)) {

@@ -74,7 +74,7 @@ PROCESSORS = {
 
 @functools.cache
 def flags(environment: str) -> tuple[str, ...]:
-    """What platformio.ini gives the compiler."""
+    """The compiler's flags in platformio.ini."""
     shown = subprocess.run(
         [Path(sys.executable).parent / "pio", "project", "config", "--json-output"],
         cwd=ROOT,

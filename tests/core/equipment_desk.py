@@ -36,7 +36,7 @@ class Asleep(Exception):
 
 
 class Board:
-    """What the port asks for, and the main loop of the probe that has it."""
+    """The port's callbacks, and the main loop of its probe."""
 
     def __init__(
         self, card: FakeCard | None = None, *, is_spare: bool = False, start_us: int = 0

@@ -51,7 +51,7 @@ def crc16(data: bytes) -> int:
 
 
 class FakeCard:
-    """What is in the socket. Times are microseconds."""
+    """The card in the socket. Times are microseconds."""
 
     def __init__(
         self, blocks: int = 1 << 20, *, is_sdhc: bool = True, version: int = 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the filter share."""
+"""Shared by the tests of the filter."""
 
 from __future__ import annotations
 

@@ -103,7 +103,7 @@ static void predict_field(struct twin *t, bool is_resting) {
     }
 }
 
-// uT2: the vertical field, seen through a level that goes on being corrected.
+// uT2: the vertical field, seen through a level that is still being corrected.
 static double leaning(const struct twin *t) {
     return pow(twin_clamp(t->place[2], FUSE_FIELD_MAX_UT), 2) * t->drift_square;
 }

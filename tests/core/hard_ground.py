@@ -178,7 +178,7 @@ def shop_module_turned_about_one_axis(seed: int) -> Scene:
 
 
 def carried(seed: int) -> Scene:
-    """Carried to and fro by 0.25 m in an uneven room, hardly turned; 60 s."""
+    """Carried back and forth by 0.25 m in an uneven room, hardly turned; 60 s."""
     random = np.random.default_rng([5, seed])
     t = times(68)
     body = ways.carried(random, t)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the log share: a volume with the prepared file, a probe that logs
+"""Shared by the tests of the log: a volume with the prepared file, a probe that logs
 to it, and a host that reads it back."""
 
 from __future__ import annotations

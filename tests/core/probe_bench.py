@@ -89,15 +89,15 @@ class Memory:
         self.c = ffi.new("struct memory *", self._callbacks)
 
     def settle(self) -> None:
-        """A write that has begun ends by itself while a probe reboots."""
+        """A write that has begun completes while a probe reboots."""
         self._busy = 0
 
     def _read(self, _: Any, offset: int) -> int:
-        assert self._busy == 0, "read while a write goes on"
+        assert self._busy == 0, "read during a write"
         return self.cells[offset]
 
     def _write(self, _: Any, offset: int, value: int) -> None:
-        assert self._busy == 0, "written while a write goes on"
+        assert self._busy == 0, "written during a write"
         self._busy = 2
         if not self.is_broken:
             self.cells[offset] = value

@@ -38,7 +38,7 @@ class Driver:
             else:
                 in_a_row += 1
                 assert in_a_row < 10, "it never lets go"
-        pytest.fail("an operation without an end")
+        pytest.fail("an endless operation")
 
     def identify(self) -> int:
         lib.sdcard_identify(self.state)

@@ -46,7 +46,7 @@ class Memory:
 
     def _read(self, _: Any, offset: int) -> int:
         assert offset < SIZE
-        assert self._wait == 0, "read while a write goes on"
+        assert self._wait == 0, "read during a write"
         return self.bytes[offset]
 
     def _write(self, _: Any, offset: int, value: int) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of strokes share: samples of a measuring hand, and what is told."""
+"""Shared by the tests of strokes: samples of a measuring hand, and the messages."""
 
 from __future__ import annotations
 

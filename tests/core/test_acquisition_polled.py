@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A board whose data-ready has no wire: the sensor is asked, and all else goes on as
+"""A board whose data-ready has no wire: the sensor is asked, and all else continues as
 with the wire."""
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ def test_before_the_first_sample_there_is_a_unit_quaternion_too(kind, origin):
 
 
 def any_samples(random: np.random.Generator, count: int) -> desk.Array:
-    """Counts from everywhere and from the ends, single and held; every flag by itself;
+    """Counts from everywhere and from the ends, single and held; every flag alone;
     intervals of all magnitudes."""
     out = np.zeros(count, SAMPLE)
     hold = int(random.choice([1, 3, 40, 400]))

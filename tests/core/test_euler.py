@@ -286,7 +286,8 @@ def test_the_round_trip_through_the_matrix_keeps_the_attitude():
 
 
 def test_any_numbers_at_all_make_angles():
-    # Not of unit length, so no angle is promised; the arithmetic holds all the same.
+    # Not of unit length, so no angle is promised; the arithmetic still does not
+    # overflow.
     random = np.random.default_rng(10)
     edges = np.array([-(2**30), -1, 0, 1, 2**30])
     q = random.choice(edges, (2000, 4)).astype(np.int32)

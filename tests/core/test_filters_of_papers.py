@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the filters of the papers have in common: how they start and restart, and what
+"""Common behaviour of the filters of the papers: how they start and restart, and what
 they do without a force, without a field and with one that tells no north."""
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ def test_a_known_own_field_gives_a_heading_at_rest():
 
 
 def learned(probe: Filter) -> desk.Array:
-    """A calibration comes into force in the midst; the orientation then."""
+    """Activates a calibration halfway; returns the orientation then."""
     calibration = desk.ffi.new("struct calibration *", desk.UNKNOWN[0])
     calibration.acc.sigma = calibration.gyr.sigma = 100  # 0.01 m/s2, 0.001
     calibration.mag.sigma = 80  # 0.8 uT

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the filter learns: bias, scales, lag and the probe's own field."""
+"""The filter learns bias, scales, lag and the probe's own field."""
 
 from __future__ import annotations
 

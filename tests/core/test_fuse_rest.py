@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the filter takes for rest: rates and forces near their means, in each axis and
+"""The filter's detection of rest: rates and forces near their means, in each axis and
 in all of them together.
 """
 
@@ -18,7 +18,7 @@ LOOKS = 400
 def rests(
     rate_q25: tuple[float, ...], force_q21: tuple[float, ...] = (0, 0, 0)
 ) -> bool:
-    """Whether a sensor that trembles so about its mean, to and fro, is at rest."""
+    """Whether a sensor that vibrates like this about its mean is at rest."""
     fuse = ffi.new("struct fuse *")
     lib.fuse_init(fuse, 200, 0)
     measured = ffi.new("struct measurement *")

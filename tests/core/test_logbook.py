@@ -224,7 +224,7 @@ def test_a_full_file_ends_the_recording_with_a_whole_frame(rate_hz):
     assert blocks[-1][1] == 2
     found = frames_of(blocks)
     assert found == log.kept[: len(found)]
-    # Frames go on from one block to the next, but for the last block.
+    # Frames continue from one block to the next, but for the last block.
     ends = [content.rstrip(b"\0").split(b"\0")[-1] for _, _, content in blocks]
     assert len(ends[-1]) == FRAME - 1
     assert {len(end) for end in ends[:-1]} != {FRAME - 1}

@@ -97,7 +97,7 @@ def test_a_cut_at_any_moment_loses_half_a_second_at_most(seed, is_slow):
         log.step()
     card.cut()
     assert loss(volume, log.put, 1, log.now_us) < LOST_US_MAX
-    # The next start goes on behind it, and hides none of it.
+    # The next start continues behind it, and hides none of it.
     before = read(volume).get(1, [])
     again = Log(card).until("ready").open().log(200_000).close()
     found = read(volume)

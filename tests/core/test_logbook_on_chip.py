@@ -100,7 +100,7 @@ class Bench:
         self.log = Log(self.card, wire=ChipWire(ffi, self.card))
 
     def restart(self) -> Log:
-        """The host's start; the card goes on."""
+        """The host's start; the card continues."""
         self.log = Log(self.card, wire=ChipWire(ffi, self.card))
         return self.log
 

@@ -91,7 +91,7 @@ class Watch:
         allowed += heading_step(max(self.longest_s, float(without.max())))
         is_lost = since_clipping < TILT_AFTER_CLIPPING_S
         tilt = desk.tilt_deg(q, truth)
-        # After clipping it is found anew, and says so.
+        # After clipping it is found again, and flagged.
         allowed += np.where(is_starting, 180, LEVEL_STEP)
         step = desk.apart_deg(np.concatenate([self.last, q[:-1]]), q)
         assert (step <= allowed)[has_started].all()

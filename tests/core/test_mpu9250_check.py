@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How the MPU-9250's driver looks after its chip: registers that change by themselves,
+"""How the MPU-9250's driver monitors its chip: registers that change unexpectedly,
 a magnetometer that goes, comes back, or holds its bus."""
 
 from __future__ import annotations

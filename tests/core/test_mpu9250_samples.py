@@ -227,7 +227,7 @@ def test_clocks_that_differ_double_nothing_and_lose_little(ppm):
         if sample.has_mag:
             fields.append(sample.mag.y)
     assert all(one < two for one, two in itertools.pairwise(fields))
-    # AK8963, 6.4.3.4: a measurement that ends while a read goes on is skipped. Reading
+    # AK8963, 6.4.3.4: a measurement that ends during a read is skipped. Reading
     # takes 0.2 ms of the 5 ms between samples.
     measured = 10 * 100 * (1 + ppm * 1e-6)
     assert 0.94 * measured <= len(fields) <= measured + 1

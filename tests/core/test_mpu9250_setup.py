@@ -155,7 +155,9 @@ def test_a_counterfeit_without_magnetometer_is_a_six_axis_probe():
     bench = running(has_ak8963=False)
     assert bench.identity.kind == lib.SENSOR_MPU6500
     assert_six_axes(bench)
-    assert bench.register(106) == 0x00  # no master that asks in vain at each sample
+    assert (
+        bench.register(106) == 0x00
+    )  # no master that polls without an answer at each sample
 
 
 def test_a_magnetometer_that_comes_back_is_found_by_the_next_set_up():

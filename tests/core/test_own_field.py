@@ -21,7 +21,7 @@ LOOK_S = 300
 
 
 def begun(own: object = None, *, is_known: bool = False) -> Filter:
-    """A filter of sensors that nobody has calibrated, or somebody has."""
+    """A filter of sensors that are uncalibrated, or calibrated."""
     probe = Filter(200)
     lib.fuse_set_accuracy(probe.c, EXACT if is_known else UNKNOWN)
     if own is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the filters from papers share, on the bounds that its headers state."""
+"""Common parts of the filters from papers, at the bounds in their header."""
 
 from __future__ import annotations
 

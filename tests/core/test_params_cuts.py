@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Params where power goes, a byte is spoilt, or a probe restarts in the midst."""
+"""Params when power fails, a byte is spoilt, or a probe restarts during a change."""
 
 from __future__ import annotations
 

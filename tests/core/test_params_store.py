@@ -289,7 +289,7 @@ def test_longer_records_are_taken_as_far_as_they_are_known():
 
 
 def test_params_that_this_firmware_refuses_are_told_as_lost_and_kept_in_memory():
-    """What another firmware wrote, with values that only it knows."""
+    """A set by another firmware, with values that only that firmware knows."""
     store = Store(stored(SMALL))
     bank = BASE + store.bank * BANK
     records = options(9, 9)

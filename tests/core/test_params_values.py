@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What records may say: which values are taken, at their bounds and beyond."""
+"""The values that records may have, at their bounds and beyond."""
 
 from __future__ import annotations
 

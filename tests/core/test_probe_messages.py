@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a probe says of itself each second, and how it numbers all it says."""
+"""A probe's periodic messages, and the numbering of all messages."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the sensor answered to its self-test, as the probe sends it."""
+"""The sensor's responses to its self-test, as the probe sends them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a probe does: calibration, faults, the button, the light, its settings."""
+"""The states of a probe: calibration, faults, the button, the light, its settings."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def test_who_comes_at_once_each_time_is_served_and_the_settings_are_looked_at_la
     probe.run_to(lib.RN41_WAITING)
     assert module.writes == [f"SN,{NAME}"]
     assert kinds(probe) == [lib.RN41_LINKED, lib.RN41_DROPPED]
-    assert probe.rn41.intruders == 0  # the next start sends as many away again
+    assert probe.rn41.early_peers == 0  # the next start sends as many away again
 
 
 def test_who_connects_while_command_mode_is_asked_for_is_sent_away():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Settings that change while a save goes on, and memory that wears out."""
+"""Settings that change during a save, and memory that wears out."""
 
 from __future__ import annotations
 

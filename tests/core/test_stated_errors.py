@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What poses state of themselves on hard ground: a true error lies inside the stated
+"""Stated errors of poses in hard conditions: a true error lies inside the stated
 95 %, or none is stated; and where nothing is wrong it is not stated for nothing.
 
 Figures in docstrings are errors in degrees, true and stated, over some seeds; "before"

@@ -57,7 +57,7 @@ def is_disturbed(samples: desk.desk.Array, _: desk.desk.Array, start: int) -> in
 def test_after_a_stroke_without_length_no_place_is_known(
     single: Measured, bad: Bad
 ) -> None:
-    # The rest behind the stroke goes on for 10 s.
+    # The rest behind the stroke continues for 10 s.
     index = np.append(
         np.arange(len(single.samples)),
         np.arange(2000) % 300 + len(single.samples) - 300,
@@ -133,7 +133,7 @@ def test_a_path_without_a_tip_is_that_of_the_sensor(single: Measured) -> None:
 
 
 def test_a_moving_tip_has_another_place_in_each_pose(single: Measured) -> None:
-    """Between two windows of 20 samples it goes on as fast as in the last one."""
+    """Between two windows of 20 samples it continues as fast as in the last one."""
     tracker, start = placed(single, tip_um=(0, 0, 0))
     middle = (single.index(single.strokes[0].end_s) + start + 100) // 2
     places = []

@@ -26,7 +26,7 @@ class Windows:
         lib.stroke_begin(self.c, True)
         lib.stroke_by_button(self.c, True)
         self.period_us = period_us
-        self.time_us = 2**32 - 700_000  # wraps in the midst
+        self.time_us = 2**32 - 700_000  # wraps halfway
 
     def feel(
         self, force: Array, gained: Array, body: Array | None = None, **more: Any

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What boards share: the order of freeing a bus, and slots between interrupts and main
+"""Shared by boards: the order of freeing a bus, and slots between interrupts and main
 loop."""
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class Flash:
             words[:] = [BLANK] * WORDS
 
     def open(self) -> Any:
-        """Power comes, for good."""
+        """Power comes back permanently."""
         self.is_off, self.cut_at = False, None
         return self.opened()
 
@@ -94,7 +94,7 @@ def content(journal: Any) -> bytes:
 
 
 def fill(journal: Any, free: int) -> bytes:
-    """Write until so many words are free."""
+    """Write until `free` words are left."""
     while journal.next < WORDS - free:
         lib.journal_write(journal, journal.next % 40, journal.next % 251)
     return content(journal)
@@ -285,7 +285,7 @@ def test_settings_saved_through_it_survive_a_cut_at_every_operation():
             result = lib.settings_step(writer, settings)
             if result != lib.MEMORY_BUSY:
                 return int(result)
-        raise AssertionError("a save without an end")
+        raise AssertionError("an endless save")
 
     flash = Flash()
     settings, writer, _storage, _ = start(flash)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What of these tests runs every day, and the MicroPython that they run in."""
+"""Selects the daily part of these tests, and their MicroPython."""
 
 from __future__ import annotations
 

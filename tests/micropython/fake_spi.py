@@ -51,7 +51,7 @@ class FakeSPI:
         register = self.register(False, len(data))
         if self.kind == "mpu9250" and register == 0x6A:
             assert data[0] & 0x10  # I2C_IF_DIS
-            data = bytes((data[0] & ~0x10,))  # the model is on I2C all the same
+            data = bytes((data[0] & ~0x10,))  # the model is on I2C nevertheless
         self.chip.writeto_mem(self.selected, register, data)
 
     def readinto(self, data):

@@ -4,7 +4,7 @@
     micropython fuse.py HELLO RAWS POSES HZ
 
 The files hold contents of messages: a hello, raw messages one after the other, and of
-each step of the filter the pose. The filter makes so many steps a second.
+each step of the filter the pose. The filter makes this many steps per second.
 """
 
 import struct

@@ -27,7 +27,7 @@ class Write(NamedTuple):
 
 
 class Altered(NamedTuple):
-    """What a probe said and wrote to its chip."""
+    """A probe's messages, and its writes to its chip."""
 
     messages: list[Message]
     written: list[Write]

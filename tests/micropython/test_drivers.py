@@ -95,7 +95,7 @@ def test_a_sensor_on_spi_is_read_as_on_i2c(
 
 
 def about(messages: list[Message]) -> list[Any]:
-    """What a hello says of the sensor."""
+    """The sensor's fields in a hello."""
     hello = [m for m in messages if m.name == "hello"][-1].fields
     names = ("who_am_i", "mag_adjust", "acc_lsb", "gyr_lsb", "mag_lsb", "sample_rate")
     return [hello[name] for name in names]

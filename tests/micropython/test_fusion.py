@@ -70,7 +70,7 @@ def tape() -> Tape:
 def in_micropython(
     stock: Path, tape: Tape, folder: Path, rate_hz: int = 100
 ) -> list[Message]:
-    """The poses of the package's filter at so many steps a second."""
+    """The poses of the package's filter at `rate_hz` steps per second."""
     hello, raws, poses = (folder / name for name in ("hello", "raws", "poses"))
     hello.write_bytes(tape.hello)
     raws.write_bytes(b"".join(tape.raws))
@@ -89,7 +89,7 @@ def in_micropython(
 
 
 def in_core(tape: Tape, every: int) -> list[Message]:
-    """The poses of the fixed-point filter, after each so many samples."""
+    """The poses of the fixed-point filter, one for every few samples."""
     replay = _core.Replay(tape.hello, b"")
     replay.restart(int(schema.Filter.MADGWICK))
     found = []

@@ -54,7 +54,7 @@ class Tape:
     def command(
         self, time_us: int, name: str, first: int = 0, second: int = 0, size: int = 99
     ) -> None:
-        """In pieces of so many bytes."""
+        """In pieces of `size` bytes."""
         self.tokens += 1
         fields = {
             "command": name,

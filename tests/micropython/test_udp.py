@@ -131,7 +131,7 @@ class End:
         return self.peer.channel.seal(b"\0" + frame)
 
     def until(self, name: str, count: int) -> list[Message]:
-        """Receives until so many messages of that name have come."""
+        """Receives until `count` messages of that name have arrived."""
         limit = time.monotonic() + PATIENCE_S
         while len(found := [m for m in self.messages if m.name == name]) < count:
             assert time.monotonic() < limit, f"{len(found)} {name}"
@@ -168,7 +168,7 @@ def test_it_greets_again_where_its_daemon_is_silent(
         end.until("hello", 1)
         end.socket.sendto(end.command("start"), end.address)
         end.until("raw", 10)
-        end.welcome()  # after some seconds without a word from here
+        end.welcome()  # after some seconds without a message from here
         end.until("raw", len([m for m in end.messages if m.name == "raw"]) + 10)
     assert end.peer.sessions == 2
     # What was sent meanwhile waited, as far as there was room.

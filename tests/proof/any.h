@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Values of which Frama-C knows nothing: whatever is proved holds for all of them.
+// Values that are unknown to Frama-C: proofs hold for all of them.
 #ifndef ANY_H
 #define ANY_H
 

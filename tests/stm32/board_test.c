@@ -23,7 +23,7 @@ enum {
     OUT_X_G = 0x28,
     STATUS = 0x27,
     STATUS_M = 0x07,
-    MANY = 0x80,  // the register goes up by itself
+    MANY = 0x80,  // the register number increments automatically
 };
 
 static const struct bus_burst whole[] = {

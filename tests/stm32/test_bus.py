@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the firmware of the STM32F405 makes of faults of its I2C bus and hardware."""
+"""The reactions of the STM32F405's firmware to faults of its I2C bus and hardware."""
 
 from __future__ import annotations
 

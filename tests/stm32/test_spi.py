@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The card's bus, driver and log on the virtual STM32F405 with the model of a card in
-its socket: card/card_test.c logs for two seconds and says what it took."""
+its socket: card/card_test.c logs for two seconds and prints the time that it took."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def program(root: Path, request: pytest.FixtureRequest) -> Path:
 
 
 class Run:
-    """What it said, and the card behind it."""
+    """Its output, and the card behind it."""
 
     def __init__(self, lines: list[str], summary: dict[str, Any]) -> None:
         self.summary = summary

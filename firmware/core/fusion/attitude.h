@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The filter in use: measurements in, orientation and its quality out. It is selected
 // when it starts. If -DATTITUDE_ONLY=name is given, the image contains that filter
-// only. fuse.h says what each function does, with units and ranges.
+// only. fuse.h documents each function, with units and ranges.
 #ifndef ATTITUDE_H
 #define ATTITUDE_H
 

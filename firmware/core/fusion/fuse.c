@@ -12,7 +12,7 @@ enum {
     STEP_MAX_US = 7000,  // 41.4 rad/s an axis and 8 % of scale turn 0.55 rad in it
     UNSETTLED = FUSE_WINDOWS(FUSE_UNSETTLED_S),
     FIELD_ABSENT = FUSE_WINDOWS(FUSE_FIELD_ABSENT_S),
-    // Of two axes, 1e-4 m/s2 each.
+    // Of two axes, in 1e-4 m/s2 each.
     LEVEL_SIGMA_MAX = ROUNDED(FUSE_LEVEL_SIGMA_G * GRAVITY_M_S2 * 1e4 / 1.414214),
 };
 
@@ -24,7 +24,7 @@ enum {
 // rad2 q2_30 as 1e-4 deg2, whose steps stated variances have.
 #define CDEG2_GAIN_Q32 Q_DEG2(1e4 * 4, 0)
 #define CDEG2(degrees) ((uint32_t)ROUNDED((degrees) * (degrees)*1e4))
-// Thirds of that for what levelling goes on to correct, (rad/s)^2 q2_30.
+// Thirds of that for what levelling keeps correcting, (rad/s)^2 q2_30.
 #define TILT_DRIFT_THIRDS Q_DEG2(3e4 / 1073741824.0 * SQUARE(FUSE_TILT_DRIFT_S), 0)
 #define FIELD_LIMIT_Q18 Q18(FUSE_READING_MAX_UT)
 #define FOUR_US_Q35 Q35(4e-6)

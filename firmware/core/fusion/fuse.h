@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 // The filter: measurements in, orientation and its quality out, one step a sample.
 //
-// Of the VQF family (Laidig and Seel 2023, section 3): the gyroscope is integrated into
-// an almost-inertial frame, the specific force is low-passed there and levels it, and
-// heading is one angle beside it, so that a disturbed field never tilts the probe.
-// Beside them two small Kalman filters: one learns the gyroscope's bias and three
-// scales from what levelling had to correct and from how the field turns, one the field
-// of the place and the probe's own, which turns with it; and how late field readings
-// are is learned from turns. Samples make windows of 100 ms; all but the integration is
-// done once a window, in stages that no two samples share.
+// A filter of the VQF family (Laidig and Seel 2023, section 3): the gyroscope is
+// integrated into an almost-inertial frame, the specific force is low-passed there and
+// levels it, and heading is one angle beside it, so that a disturbed field never tilts
+// the probe. Beside them two small Kalman filters: one learns the gyroscope's bias and
+// three scales from what levelling had to correct and from how the field turns, one the
+// field of the place and the probe's own, which turns with it; and how late field
+// readings are is learned from turns. Samples make windows of 100 ms; all but the
+// integration is done once a window, in stages that no two samples share.
 #ifndef FUSE_H
 #define FUSE_H
 
@@ -66,8 +66,8 @@ struct fuse_repeats {
     uint8_t count;  // in a row, held at 255
 };
 
-// What changes from sample to sample. The smaller and the busier a member, the further
-// up: the AVR reaches the first 64 bytes of a struct in one instruction.
+// State that changes with every sample. The smaller and the busier a member, the
+// further up: the AVR reaches the first 64 bytes of a struct in one instruction.
 struct fuse_state {
     int32_t lag_s_q35;  // how far field readings are behind the gyroscope
     uint16_t warming;  // 32nds of a step: by how much a bias that warms up wanders more
@@ -94,13 +94,13 @@ struct fuse_state {
     uint16_t field_astray;     // share of late readings that surprise, 65536ths
     q13_19_t field_noise;      // of this reading, uT2
     q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
-    q2_30_t drift_square;      // (rad/s)^2, of what levelling goes on to correct
-    q14_18_t across_mean;      // uT, across the field: how readings go on to surprise
+    q2_30_t drift_square;      // (rad/s)^2, of what levelling keeps correcting
+    q14_18_t across_mean;      // uT, across the field: how readings keep surprising
     // Half of what a heading error of 4 degrees changes across the horizontal field,
     // uT, and the unit vector there.
     q2_14_t turned_by, across[2];
     uint16_t turned_q17;   // (4 deg)^2: growth of the heading's variance in this window
-    int16_t drift_q18[2];  // rad/s, what levelling goes on to correct about x and y
+    int16_t drift_q18[2];  // rad/s, what levelling keeps correcting about x and y
     q2_14_t up[FUSE_TURNS];  // by how much each state turns it about the vertical
     // Sums over the window in the inertial frame, m/s2 and rad/s; of the rate, one for
     // each axis of the body.
@@ -163,13 +163,12 @@ void fuse_set_mag_lag(struct fuse *fuse, uint16_t lag_us);
 // than the calibration; after fuse_set_accuracy().
 void fuse_use_own(struct fuse *fuse, const struct own_field *own);
 
-// Forgets the orientation, which has changed unseen; keeps the bias and the reference
-// field.
+// Orientation lost: forgets it, but keeps the bias and the reference field.
 void fuse_restart(struct fuse *fuse);
 
 // One sample, `interval_us` after the one before it. Longer intervals than 60 ms are
 // integrated for 60 ms only: the rest of the motion is lost. Where that or clipping
-// loses more than a little, level and heading are found anew, as after a start.
+// loses more than a little, the filter finds level and heading again, as after a start.
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us);
 

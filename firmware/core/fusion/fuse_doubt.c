@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What can't be: a field that is not the Earth's, or not that of the calibration, and
-// sensors that are dead.
+// Detects impossible readings: a field that is not the Earth's, or not that of the
+// calibration, and dead sensors.
 #include <string.h>
 
 #include "core/fusion/fuse_stages.h"
@@ -56,7 +56,7 @@ void fuse_set_known_field(struct fuse *fuse, const struct calibration *calibrati
     }
 }
 
-// What is wrong with a field: 0, FUSE_IMPOSSIBLE or FUSE_UNLIKE.
+// The fault of a field: 0, FUSE_IMPOSSIBLE or FUSE_UNLIKE.
 NOINLINE static uint8_t doubt_of(const struct fuse *fuse, q14_18_t horizontal_ut,
                                  q14_18_t up_ut) {
     const struct fuse_settings *settings = &fuse->settings;

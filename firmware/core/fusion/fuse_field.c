@@ -12,7 +12,7 @@ enum {
     OWN_GOOD = ROUNDED(16 * SQUARE(FUSE_OWN_GOOD_SIGMA_UT)),
     OWN_CALIBRATED = ROUNDED(16 * SQUARE(FUSE_OWN_CALIBRATED_SIGMA_UT)),
     OWN_SIGMA_MAX = ROUNDED(FUSE_OWN_UNKNOWN_SIGMA_UT * 100),  // 0.01 uT
-    // So many squares of 1.28 K add one to the variance.
+    // Number of squares of 1.28 K that add one to the variance.
     OWN_WARMTH_PART = ROUNDED(1 / (16 * SQUARE(FUSE_OWN_WARMTH_UT_K * 1.28))),
     OWN_UNIT_BITS = 15,  // from 16ths of 1 uT2 to q13_19
     SURPRISE_WINDOWS = FUSE_WINDOWS(FUSE_SURPRISE_TAU_S),
@@ -64,7 +64,7 @@ enum {
 // Twice that of a length in 8ths is 64ths of its square.
 #define ASTRAY_LENGTH ROUNDED(2 * FUSE_ASTRAY_LENGTH_UT * 64 / 8)
 
-// What levelling goes on to correct leans the vertical field: from q14_18 to q13_19.
+// What levelling keeps correcting leans the vertical field: from q14_18 to q13_19.
 #define LEANING_MAX_Q18 Q18(FUSE_FIELD_NOISE_MAX_UT2 / FUSE_FIELD_DRIFT_S2)
 #define LEANING_NOISE ROUNDED(FUSE_FIELD_DRIFT_S2 * 2)
 
@@ -203,7 +203,7 @@ NOINLINE static void learn_place(struct fuse *fuse) {
     }
 }
 
-// Readings go on to say that the probe's field has changed.
+// Readings keep showing that the probe's field has changed.
 NOINLINE static bool is_astray(const struct fuse *fuse) {
     return fuse->state.field_astray > FUSE_FIELD_ASTRAY && !fuse_is_at_rest(fuse);
 }
@@ -269,7 +269,7 @@ void fuse_follow_lag(struct fuse *fuse) {
 }
 
 // The square of the vertical field, seen through a level that leans by an angle whose
-// square is given: uT2; of what levelling goes on to correct in a second, at most 28.
+// square is given: uT2; of what levelling keeps correcting in a second, at most 28.
 q14_18_t fuse_leaning(const struct fuse *fuse, q2_30_t square_rad) {
     const int32_t vertical =
         fixed_clamp_high(fuse->state.field_ut[2], FIXED_HIGH(PLACE_TURNED_Q18));
@@ -416,7 +416,7 @@ void fuse_stage_field(struct fuse *fuse) {
         return;
     }
     if (fuse->state.field_age == UINT8_MAX && fuse_is_heading_free(fuse)) {
-        fuse->state.field_learnt = 0;  // after so long, learn the place anew
+        fuse->state.field_learnt = 0;  // after this time, learn the local field again
     }
     if (fuse->state.windows == FUSE_LEVEL_SETTLE && !fuse_is_at_rest(fuse)) {
         fuse->state.field_learnt = 0;  // readings in motion had no good level

@@ -38,8 +38,8 @@ enum {
 #define WARMING                                                                        \
     ((uint16_t)BIAS_VARIANCE(WARMING_STEPS * FUSE_PER_WINDOW(FUSE_WARMING_DPS2_S)))
 #define SCALE_WANDER SCALE_VARIANCE(FUSE_PER_WINDOW(FUSE_SCALE_WANDER_S))
-// Of what levelling corrects in a look, (deg/s)^2 q11_21; the square of what goes on is
-// (rad/s)^2 q2_30.
+// Of what levelling corrects in a look, (deg/s)^2 q11_21; the square of what continues
+// is (rad/s)^2 q2_30.
 #define MOTION_NOISE Q21(FUSE_MOTION_NOISE_DPS2_S / LOOK_S)
 #define MOTION_DRIFT Q_DEG2(FUSE_MOTION_DRIFT_S / LOOK_S / 512, 0)
 #define MOTION_DRIFT_MAX_Q30 Q_RAD2(FUSE_MOTION_DRIFT_MAX_DPS2, 30)
@@ -261,7 +261,7 @@ void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
     }
 }
 
-// (rad/s)^2 as q2_30, of what levelling goes on to correct about an axis.
+// (rad/s)^2 as q2_30, of what levelling keeps correcting about an axis.
 NOINLINE static q2_30_t square_of(int16_t drift_q18) {
     return fixed_scale_down((int32_t)drift_q18 * drift_q18, 6);
 }

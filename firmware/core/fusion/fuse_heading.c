@@ -73,7 +73,7 @@ void fuse_stage_world(struct fuse *fuse) {
         // The angle that brings the horizontal field to north, y.
         quat_about_z(north.y, north.x, &turn);
         if (norm < HORIZONTAL_MIN_Q18) {
-            // The field is vertical and tells no heading: learn it anew.
+            // The field is vertical and gives no heading: learn it again.
             fuse_forget_place(fuse);
         } else if (fuse->state.field_age == 0) {
             fuse->state.heading_variance = heading_variance_of(fuse, &north, norm);

@@ -5,8 +5,9 @@
 // shows what it does to the accuracy.
 //
 // "VQF" is a default of Laidig and Seel 2023, table 1. "Fitted" was chosen on
-// recordings and made motions whose truth is known (docs/decisions/0002-filter.md). The
-// others follow from data sheets or keep numbers in range.
+// recordings and simulated motions whose truth is known
+// (docs/decisions/0002-filter.md). The others follow from data sheets or keep numbers
+// in range.
 #ifndef FUSE_PARAMS_H
 #define FUSE_PARAMS_H
 
@@ -24,7 +25,7 @@
 #define FUSE_LEVEL_TAU_S 3.0        // low-pass of the specific force; VQF, tau_acc
 #define FUSE_FORCE_MIN_M_S2 1.0     // below it, free fall, nothing is levelled
 #define FUSE_GRAVITY_MIN_M_S2 4.9   // a mean force outside these two is not gravity:
-#define FUSE_GRAVITY_MAX_M_S2 17.6  // centrifuges of made motions stay within them
+#define FUSE_GRAVITY_MAX_M_S2 17.6  // simulated centrifuges stay within them
 #define FUSE_LEVEL_SIGMA_G 0.06     // error of the force where nothing is calibrated
 #define FUSE_UNSETTLED_S 10.0       // after lost motion, levelling says nothing of bias
 #define FUSE_CLIPPED_LOST 4  // clipped samples in a window that lose the attitude
@@ -57,7 +58,7 @@
 
 // What levelling corrects in motion, as a reading of bias and scale.
 #define FUSE_MOTION_NOISE_DPS2_S 1.2  // noise of a correction; fitted
-#define FUSE_MOTION_DRIFT_S 10.0      // more where corrections go on and on; fitted
+#define FUSE_MOTION_DRIFT_S 10.0      // more where corrections persist; fitted
 #define FUSE_MOTION_DRIFT_MAX_DPS2 3.057
 #define FUSE_TILTING_MAX_DPS 5.0            // of one correction
 #define FUSE_DRIFT_START_DPS 0.1            // mean correction assumed at the start
@@ -113,7 +114,7 @@
 #define FUSE_EARTH_MIN_UT 18.0
 #define FUSE_EARTH_MAX_UT 75.0
 #define FUSE_UNLIKE_PART 5  // a field is unlike, whose components are off by more
-#define FUSE_PLAIN_S 2.0    // of readings that are plain again: learn the place anew
+#define FUSE_PLAIN_S 2.0    // of plain readings: learn the local field again
 #define FUSE_OWN_IMPOSSIBLE_UT 50.0  // of the own field, where no calibration told it
 #define FUSE_ELSEWHERE_SIGMA_UT 2.0  // own field known to it, and small: another place
 
@@ -161,7 +162,7 @@
 #define FUSE_TILT_DRIFT_S 10.44  // factor of the mean levelling correction
 #define FUSE_HEADING_FLOOR_DEG 0.6
 #define FUSE_HEADING_DRIFT_S 2.45    // factor of that correction, by the vertical field
-#define FUSE_HEADING_ACROSS 1.6      // factor of the square of what goes on across
+#define FUSE_HEADING_ACROSS 1.6      // factor of the square of what lasts across
 #define FUSE_HEADING_ASTRAY_UT2 4.0  // where all readings are strange
 #define FUSE_HEADING_WORST 1.7       // sigmas by which the field may be shorter
 #define FUSE_COVARIANCE_SHARE 0.275  // of the field's covariance, on a calibrated probe

@@ -20,7 +20,7 @@
 
 enum {
     FUSE_LEVEL_SETTLE = FUSE_WINDOWS(FUSE_LEVEL_TAU_S),
-    FUSE_WINDOWS_LOST = UINT8_MAX,  // level and heading are found anew
+    FUSE_WINDOWS_LOST = UINT8_MAX,  // level and heading have to be found again
     FUSE_REST_LOOKS = FUSE_LOOKS(FUSE_REST_S),
     FUSE_FIELD_LEARN = FUSE_WINDOWS(FUSE_LEARN_S),  // a reading each
     // Squared distances as 64ths of 1 uT2, shares as 65536ths.
@@ -45,7 +45,7 @@ enum fuse_doubt {
     FUSE_FORCE = POSE_FORCE_IMPOSSIBLE / 256,
 };
 
-// Of the force, a step each window.
+// The low-pass of the force, a step each window.
 extern const IN_FLASH struct lowpass_gain fuse_level_gain;
 
 static inline bool fuse_is_at_rest(const struct fuse *fuse) {
@@ -67,7 +67,8 @@ static inline void fuse_next_axis(struct fuse *fuse) {
 // The first sample is levelled at once. Force in the body frame, m/s2 q11_21.
 void fuse_take_first(struct fuse *fuse, const struct vector *force_body);
 void fuse_level_first(struct fuse *fuse);
-// Of the level by the accelerometer's own error, rad2, as far as temperature goes.
+// The variance of the level from the accelerometer's own error, rad2, at this
+// temperature.
 q2_30_t fuse_level_variance(const struct fuse *fuse);
 
 // The same by a sigma of an axis, 1e-4 m/s2; at most 0.9.
@@ -81,18 +82,18 @@ void fuse_stage_level(struct fuse *fuse);
 void fuse_init_gyro(struct fuse *fuse);
 // How well scales are known: `sigma` of a calibration, 1e-5.
 void fuse_set_scale_accuracy(struct fuse *fuse, uint16_t sigma);
-// The heading is that of a field learned anew: no error of it is known.
+// The heading refers to a newly learned field: its error is unknown.
 void fuse_forget_turned(struct fuse *fuse);
 // Rest: for 1.5 s rates and force have stayed near their short mean, and the mean rate
 // near the calibrated bias.
 void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement);
 // How errors of bias and scales would turn the level frame.
 void fuse_stage_regressors(struct fuse *fuse);
-// What they add to the uncertainty of the heading.
+// Adds their part to the uncertainty of the heading.
 void fuse_stage_predict(struct fuse *fuse);
 // At rest the mean rate is the bias, of one body axis a window.
 void fuse_stage_rest(struct fuse *fuse);
-// What levelling had to correct about x or y tells of bias and scales in motion.
+// Learns bias and scales in motion from the corrections of levelling about x and y.
 void fuse_stage_motion(struct fuse *fuse);
 // Takes a reading of bias, scales and heading, whose states and units are those of
 // motion_covariance; its surprise in its own unit times a degree, as q7_25.
@@ -101,13 +102,13 @@ void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
 
 // fuse_doubt.c
 
-// The place is learned anew; until then there is no heading.
+// Learns the local field again; until then there is no heading.
 void fuse_forget_place(struct fuse *fuse);
 // How often in a row a sensor has given this measurement before.
 uint8_t fuse_repeats(struct fuse_repeats *repeats, const struct vector *v);
 // The field of the calibration.
 void fuse_set_known_field(struct fuse *fuse, const struct calibration *calibration);
-// Whether a place that is doubtful must be learned anew, since readings are plain.
+// Whether a doubtful local field must be learned again, since readings are plain.
 bool fuse_is_plain_again(struct fuse *fuse);
 // Whether and why the place, whose horizontal field is given, leaves no heading.
 void fuse_doubt_place(struct fuse *fuse, q14_18_t horizontal_ut);
@@ -135,7 +136,7 @@ void fuse_follow_lag(struct fuse *fuse);
 // that the probe has none of its own, along one axis of the body, where it seems so.
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis);
 // The square of the vertical field, seen through a level that leans by an angle whose
-// square is given: uT2; of what levelling goes on to correct in a second, at most 28.
+// square is given: uT2; of what levelling keeps correcting in a second, at most 28.
 q14_18_t fuse_leaning(const struct fuse *fuse, q2_30_t square_rad);
 
 // fuse_heading.c

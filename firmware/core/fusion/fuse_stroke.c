@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What strokes hear of the filter: its windows.
+// Passes the filter's windows to strokes.
 #include <string.h>
 
 #include "core/fusion/fuse_stages.h"

@@ -17,7 +17,7 @@ static inline uint8_t kalman_variance(uint8_t state) {
     return (uint8_t)((uint8_t)(state * (state + 3)) / 2);
 }
 
-// Of each of the states its covariance with row * states, in the format of the
+// Gives the covariance of each state with row * states, in the format of the
 // covariance; returns the variance of row * states. Needs |row| <= 2.8 and variances
 // whose sum is at most 2^28, or deviations whose products with |row| add up to less
 // than 2^15.5.

@@ -26,7 +26,7 @@ struct lowpass_short {
     int16_t level[LOWPASS_SHORTS], band[LOWPASS_SHORTS];
 };
 
-// Of a step of T and a time constant of tau.
+// The gains for a step of T and a time constant of tau.
 struct lowpass_gain {
     q2_30_t integrator;  // g = tan(T / (sqrt(2) tau))
     q2_30_t feedback;    // 1 / (1 + g (g + sqrt(2)))

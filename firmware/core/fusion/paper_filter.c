@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the filters from papers share; see paper_filter.h.
+// Common parts of the filters from papers; see paper_filter.h.
 #include "core/fusion/paper_filter.h"
 
 #include "core/math/constant.h"
@@ -56,7 +56,7 @@ void paper_filter_quality(const struct paper_filter *base,
 }
 
 // East is across north and up, north across up and east. False, and nothing changed,
-// where north is within a degree of the vertical and tells nothing.
+// if north is within a degree of the vertical, which gives no heading.
 static bool face_north(const struct vector *north, struct vector rows[3]) {
     struct vector east;
     vector_cross(north, &rows[2], &east);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What the filters from papers share (complementary, mahony, madgwick, dcm_pi): the
-// bias, the first attitude, and the little that they know of their own quality.
+// Common parts of the filters from papers (complementary, mahony, madgwick, dcm_pi):
+// the bias, the first attitude, and the little that they know of their own quality.
 #ifndef PAPER_FILTER_H
 #define PAPER_FILTER_H
 

@@ -4,7 +4,7 @@
 
 #include "core/fusion/pose_place.h"
 
-// A gap after which the orientation is found anew: a hand turns far in that time.
+// A gap after which the orientation is found again: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
 bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,

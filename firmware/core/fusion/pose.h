@@ -25,7 +25,7 @@ enum pose_origin {
     POSE_ORIGIN_NONE = 2,
 };
 
-// What a sample brought to the start-up calibration.
+// Effect of a sample on the start-up calibration.
 enum pose_result {
     POSE_OK = 0,
     POSE_CALIBRATED = 1,
@@ -71,7 +71,7 @@ struct pose_tracker {
 #endif
 };
 
-// Begins anew: calibration at rest, filter and origin. Both pointers must stay valid.
+// Restarts calibration at rest, filter and origin. Both pointers must stay valid.
 // Returns false and changes nothing where this build lacks the filter.
 bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
                 const struct sensor_identity *identity, int32_t filter);
@@ -85,8 +85,8 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
 // The pose of the last sample; has the flags of all samples since the last call.
 void pose_read(struct pose_tracker *tracker, struct message_pose *out);
 
-// The tip is where it is now at the origin of positions, too; without an origin
-// positions are not known.
+// The current tip also becomes the origin of positions; without an origin, positions
+// are unknown.
 void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin);
 
 // After pose_begin(): begins with what was kept of the probe's own field.

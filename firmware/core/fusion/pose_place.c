@@ -11,7 +11,7 @@ static bool has_tip(const struct pose_tracker *tracker) {
     return tracker->tip.offset_um[0] != POSE_POSITION_NULL;
 }
 
-// Of the tip from the sensor, um.
+// The vector from the sensor to the tip, um.
 static void find_arm(const struct pose_tracker *tracker, struct vector *out) {
     struct quat q;
     for (uint8_t axis = 0; axis < 3; ++axis) {

@@ -28,7 +28,7 @@ void pose_place_begin(struct pose_tracker *tracker);
 // The origin has changed.
 void pose_place_origin(struct pose_tracker *tracker);
 
-// The orientation is found anew.
+// The orientation was found again.
 void pose_place_break(struct pose_tracker *tracker);
 
 // A sample was taken, and not yet worked on.

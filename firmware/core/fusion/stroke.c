@@ -20,8 +20,8 @@ enum {
 #define FORCE_LIMIT_Q15 Q15(16)              // m/s2
 #define SPEED_LIMIT_Q15 STROKE_SPEED_Q15(3)  // m/s
 #define WAY_LIMIT_Q15 STROKE_WAY_Q15(2)      // m
-// Of the square of a window's noise, (m/s2)^2 about all axes: at least as a sensor at
-// rest has it.
+// Limits of the square of a window's noise, (m/s2)^2 about all axes: at least that of a
+// sensor at rest.
 #define NOISE_MIN_Q30 ((uint32_t)Q30(SQUARE(0.02)))
 #define NOISE_MAX_Q30 ((uint32_t)Q30(SQUARE(0.2)))
 

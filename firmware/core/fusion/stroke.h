@@ -29,7 +29,7 @@ struct stroke_force {
     struct vector gained_q15;
 };
 
-// What the filter tells of a window.
+// The filter's data of a window.
 struct stroke_window {
     struct stroke_force force;
     struct vector turn_q15;  // mean rate, rad/s, inertial frame

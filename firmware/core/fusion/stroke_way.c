@@ -166,8 +166,8 @@ void stroke_find_open(struct stroke *stroke, const struct stroke_window *window)
     stroke->speed_um = velocity;
     const struct tilts tilts = tilts_of(stroke, windows, window);
     const uint32_t pairs = (uint32_t)windows * windows;
-    // Twice integrated without an end: 4 times the noise's square, and 4 times that of
-    // what grew.
+    // Integrated twice, without an end condition: 4 times the noise's square, and 4
+    // times that of what grew.
     const uint32_t noise =
         square_of(stroke->noise_q30, NOISE_GAIN_Q32 * windows, windows) * 4;
     state_sigma(stroke, noise, square_of(tilts.level, TILT_GAIN_Q32 * 4, pairs),

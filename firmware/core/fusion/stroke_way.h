@@ -12,7 +12,7 @@
 #define STROKE_SPEED_Q15(speed) Q15((speed) / STROKE_WINDOW_S)
 #define STROKE_WAY_Q15(way) Q15(2 * (way) / SQUARE(STROKE_WINDOW_S))
 
-// What the velocity may be at an end, and more for each window of a stroke.
+// Limit of the velocity at an end, plus an amount for each window of a stroke.
 #define STROKE_STOP_Q15 ((uint32_t)STROKE_SPEED_Q15(0.03))
 #define STROKE_STOP_STEP_Q15 ((uint32_t)STROKE_SPEED_Q15(0.003))
 

@@ -28,7 +28,7 @@
      : (value) >= 1e-7 ? INT64_C(1000000000000)                                        \
                        : INT64_C(10000000000000))
 
-// Those digits; a constant may be a float, where the compiler has been told so.
+// The digits of `value`; a constant may be a float if the compiler's options say so.
 #define Q_REAL __typeof__(1.0)
 #define Q_DIGITS(value) ((int64_t)(2 * ((value) * (Q_REAL)Q_TENS(value)) + 1) / 2)
 

@@ -20,7 +20,7 @@ struct euler {
 // roll is 0 and yaw has the whole turn, so that the three still say the attitude within
 // 2e-5 rad. NECTEC's names are exchanged: there yaw is 0 and roll has the turn.
 
-// Of world_from_body, z-y'-x'' intrinsic in its own frames, east-north-up and x ahead,
+// Euler angles of world_from_body, z-y'-x'' intrinsic, east-north-up and x ahead,
 // y left, z up: yaw counter-clockwise from east, pitch with x down, roll with y up.
 void euler_from_quat(const struct quat *q, struct euler *out);
 

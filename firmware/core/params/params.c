@@ -51,7 +51,7 @@ static void clear_tip(struct params *params) {
     params->tip.axis[0] = TIP_AXIS_NULL;
 }
 
-// What a tip can't be is not known. Nulls are beyond the limits, too.
+// A tip outside its limits is unknown. Nulls are also outside them.
 static void check_tip(struct params *params) {
     struct pose_tip *tip = &params->tip;
     for (uint8_t axis = 0; axis < 3; ++axis) {

@@ -12,7 +12,7 @@ enum {
     PARAMS_WORD = 4,                                 // bytes that are staged at a time
     PARAMS_PART = 28,                                // bytes that a message tells
     PARAMS_ROOM = MEMORY_PARAMS_BANK - BANK_HEADER,  // for all records
-    PARAMS_GOES_ON = 256,  // beside their length: the filter need not begin anew
+    PARAMS_GOES_ON = 256,  // added to their length: the filter may continue
 };
 
 struct params_store {
@@ -44,13 +44,13 @@ bool params_store_open(struct params_store *store, const IN_FLASH struct memory 
                        struct params *out);
 
 // Takes four bytes of records for the spare bank, a multiple of four from the start.
-// RESULT_BUSY: not yet; RESULT_FAILED: the memory does not keep them.
+// RESULT_BUSY: not yet; RESULT_FAILED: the memory does not store them.
 enum result params_store_write(struct params_store *store, int32_t at, int32_t word);
 
 // Asks for the staged records, with their length and digest in `value`, to be put in
-// force; with PARAMS_GOES_ON beside the length the filter may go on. RESULT_BUSY until
-// it is known: ask again. RESULT_OK where they are in force. RESULT_DAMAGED: their
-// digest is another; RESULT_REFUSED: `value` has the tag of the record, and enum
+// force; with PARAMS_GOES_ON beside the length the filter may continue. RESULT_BUSY
+// until it is known: ask again. RESULT_OK where they are in force. RESULT_DAMAGED:
+// their digest is another; RESULT_REFUSED: `value` has the tag of the record, and enum
 // params_fault. Nothing has changed then.
 enum result params_store_apply(struct params_store *store, int32_t value[2]);
 

@@ -255,9 +255,9 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
     return (enum outcome)result;
 }
 
-// Stops sampling, frees the bus and says why. A burst that failed is one sample lost,
-// and sampling goes on; what else fails, or too often, or leaves the bus held, has the
-// sensor set up again a moment later.
+// Stops sampling, frees the bus and reports the cause. A failed burst loses one sample,
+// and sampling continues; after other or repeated failures, or if the bus stays
+// blocked, the sensor is set up again shortly after.
 static void fail(struct acquisition *acquisition, enum outcome outcome,
                  uint32_t now_us) {
     const IN_FLASH struct acquisition_port *port = acquisition->port;

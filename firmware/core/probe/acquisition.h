@@ -28,7 +28,7 @@ struct reading {
     uint16_t missed;               // edges without a reading of their own before it
 };
 
-// What acquisition asks of a board; see board.h for each of the functions.
+// The board functions that acquisition needs; board.h documents each of them.
 struct acquisition_port {
     const IN_FLASH struct sensor_driver *sensor;  // the first that is tried
     const IN_FLASH struct bus_device *bus;        // for set-up, not while sampling

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Clock, radio, card and battery, each followed by itself; see equipment.h.
+// Clock, radio, card and battery, each monitored separately; see equipment.h.
 #include "core/probe/equipment.h"
 
 enum {
@@ -40,8 +40,8 @@ static void follow_clock(struct equipment *equipment, uint32_t now_us) {
     }
 }
 
-// Nobody but the card hears that a link has dropped: how long it was gone, in ms, is
-// told to whoever connects next.
+// Only the card records that a link has dropped: the next host that connects is told
+// how long it was lost, in ms.
 static void follow_radio(struct equipment *equipment, uint32_t now_us) {
     struct probe *probe = equipment->probe;
     const uint32_t gone_us = now_us - equipment->dropped_us;

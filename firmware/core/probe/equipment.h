@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a board has beside sensor, wire and button: clock, radio, card, battery. When to
-// log, when to sleep, and what the probe hears of it; the message `equipment`.
+// Equipment of a board beside sensor, wire and button: clock, radio, card, battery.
+// When to log, when to sleep, and what the probe hears of it; the message `equipment`.
 #ifndef EQUIPMENT_H
 #define EQUIPMENT_H
 
@@ -11,7 +11,7 @@
 #include "core/probe/probe.h"
 #include "core/storage/logbook.h"
 
-// What equipment asks of a board. No function but `sleep` waits.
+// The board functions that equipment needs. Only `sleep` waits.
 struct equipment_port {
     // What the probe calls without saying which equipment it means: logbook_put() and
     // equipment_describe() of this board's.
@@ -60,7 +60,8 @@ void equipment_begin(struct equipment *equipment, const struct equipment_port *p
 // has more to do.
 bool equipment_step(struct equipment *equipment, uint32_t now_us);
 
-// Nothing is left to be written: power may go. After wants_reset it gets so by itself.
+// Nothing is left to be written: power may fail. After wants_reset it becomes
+// true automatically.
 bool equipment_is_done(const struct equipment *equipment);
 
 // Fills all but messages_*.

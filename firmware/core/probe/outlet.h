@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A way out for messages: the wire, or the card. Each numbers and counts its messages
-// by itself, so that what is missing in it shows there.
+// A way out for messages: the wire, or the card. Each numbers and counts its own
+// messages, so that its losses show as sequence gaps.
 #ifndef OUTLET_H
 #define OUTLET_H
 

@@ -35,7 +35,7 @@ void own_field_check(struct probe *probe) {
     }
 }
 
-// Tells it at once: a filter that begins anew begins with it.
+// Reports it at once: a restarted filter starts with it.
 static void keep(struct probe *probe, const struct own_field *own) {
     probe->settings.own_field = *own;
     probe->settings.own_calibration = (uint16_t)probe->params.digest;

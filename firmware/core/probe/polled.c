@@ -86,7 +86,7 @@ static void learn(struct polled *polled, uint32_t low, uint32_t high) {
     polled->period = (middle_of(polled) - polled->first) / polled->learned;
 }
 
-// Moves where the last edge lies by so many periods.
+// Moves the time of the last edge by this many periods.
 static void advance(struct polled *polled, uint32_t periods) {
     const uint32_t wander = polled->period / WANDER * periods;
     polled->low += polled->period * periods - wander;

@@ -27,14 +27,14 @@ struct polled {
     uint32_t edges;   // seen or reckoned, since boot
 };
 
-// Starts over for a sensor of that rate; what came and what was missed stays counted.
+// Restarts for a sensor of that rate; the counts of samples and losses are kept.
 void polled_begin(struct polled *polled, uint16_t rate_hz);
 
 // Microseconds until the sensor is to be asked; 0: now.
 uint32_t polled_wait_us(const struct polled *polled, uint32_t now_us);
 
-// An answer, and when it was given. `polled_yes` tells the edge's time and how many
-// came unseen before it; false where that can't be told: the sample is to be read and
+// An answer, and when it was given. `polled_yes` gives the edge's time and the number
+// of missed edges before it; false if that is unknown: the sample is to be read and
 // thrown away.
 void polled_no(struct polled *polled, uint32_t at_us);
 bool polled_yes(struct polled *polled, uint32_t at_us, uint32_t *edge_us,

@@ -29,8 +29,8 @@ static void make_id(struct probe *probe) {
         return;
     }
     for (uint8_t i = 0; i < ENTROPY_READINGS; ++i) {
-        // Little endian, as messages.c asserts of all our processors. The number keeps
-        // the parts of an id apart where readings are all the same.
+        // Little endian, as messages.c asserts of all our processors. The number makes
+        // the parts of an id differ where all readings are equal.
         const uint16_t reading = (uint16_t)(probe->port->entropy() + i);
         uint8_t *const at = &id[2 * (i % 4)];
         uint16_t word;
@@ -232,7 +232,7 @@ static void follow_button(struct probe *probe, bool is_down) {
     }
 }
 
-// Work for the memory, of which only one thing goes on at a time.
+// Work for the memory, of which only one runs at a time.
 static void use_memory(struct probe *probe) {
     if (!probe->port->memory->is_ready(probe->port->memory->port)) {
         return;
@@ -275,8 +275,8 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
 }
 
 bool probe_led(const struct probe *probe, uint32_t now_us) {
-    // Where in two seconds it is, as a fraction of 2^16. A step more, so that no whole
-    // millisecond falls below itself.
+    // Phase within two seconds, as a fraction of 2^16. One step is added, so that no
+    // whole millisecond rounds down.
     const uint16_t phase =
         (uint16_t)(fixed_umul_q32(now_us, Q32_UNSIGNED(65536 / 2e6)) + 1);
     switch (probe_state(probe)) {

@@ -39,7 +39,7 @@ void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us);
 
 void probe_sample(struct probe *probe, const struct sample *sample);
 
-// What a sample cost, all work for it included.
+// Reports the cycles of a sample, all work for it included.
 void probe_worked(struct probe *probe, uint32_t cycles);
 
 // Something happened that a board knows of.

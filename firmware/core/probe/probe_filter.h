@@ -5,7 +5,7 @@
 
 #include "core/probe/probe_state.h"
 
-// Begins calibration at rest, filter and origin anew, with a filter that this build
+// Restarts calibration at rest, filter and origin, with a filter that this build
 // has, and tells it. There must be a sensor.
 void probe_filter_restart(struct probe *probe, int32_t filter);
 

@@ -46,7 +46,7 @@ static void tell_part(struct probe *probe) {
     }
 }
 
-// Puts in force what is current now. The filter begins anew where it was fed by another
+// Activates the current params. The filter restarts if it was fed by another
 // calibration, whose units what it has learned is in, unless the host knows that the
 // axes are the same.
 static void change(struct probe *probe) {

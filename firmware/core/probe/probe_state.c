@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a probe is doing; see probe_state.h.
+// The state of a probe; see probe_state.h.
 #include "core/probe/probe_state.h"
 
 enum state probe_state(const struct probe *probe) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a probe is made of, and what it asks of a board. All of core/probe/ works on
-// this struct; see probe.h for who calls whom.
+// The state of a probe, and the board functions that it needs. All of core/probe/ works
+// on this struct; see probe.h for who calls whom.
 #ifndef PROBE_STATE_H
 #define PROBE_STATE_H
 
@@ -49,7 +49,7 @@ struct own_watch {
     uint8_t changed_s;
 };
 
-// What the probe asks of a board.
+// The board functions that a probe needs.
 struct probe_port {
     struct outlet *wire;
     const IN_FLASH struct memory *memory;

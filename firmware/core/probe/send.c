@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the probe says, message by message; see send.h.
+// The probe's messages, one by one; see send.h.
 #include "core/probe/send.h"
 
 #include <stddef.h>
@@ -8,7 +8,7 @@
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
 
-// Those of the outlets that are open.
+// The open ones of these outlets.
 static uint8_t open_of(const struct probe *probe, uint8_t outlets) {
     const bool has_log = TO_CARD != 0 && probe->log != NULL;
     return has_log && probe->log->is_on ? outlets : outlets & TO_WIRE;

@@ -22,7 +22,7 @@ void send_status(struct probe *probe);
 void send_equipment(struct probe *probe);
 // The part of the params at `at`, of those in force or of those that are to be.
 void send_params(struct probe *probe, enum bank_side side, uint8_t at);
-// What the sensor's driver leaves a host to judge; there must be some.
+// Sends the sensor responses that the host evaluates; there must be some.
 void send_self_test(struct probe *probe);
 void send_reply(struct probe *probe);
 void send_raw(struct probe *probe, uint8_t outlets, const struct sample *sample);
@@ -31,7 +31,7 @@ void send_pose(struct probe *probe, uint8_t outlets);
 #ifdef POSE_WITHOUT_STROKES
 #define send_stroke(probe, outlets) ((void)(probe))
 #else
-// What there is to tell of a stroke after the last sample, if anything.
+// Sends the state of a stroke after the last sample, if there is one.
 void send_stroke(struct probe *probe, uint8_t outlets);
 #endif
 

@@ -42,7 +42,7 @@ uint8_t bank_read(const struct bank *bank, enum bank_side side, uint8_t at);
 
 // Each of these starts to write one byte at most, for which the memory must be ready,
 // and returns MEMORY_BUSY; MEMORY_OK where nothing is left to be written, and
-// MEMORY_FAILED where a byte was written three times in vain.
+// MEMORY_FAILED if three writes of a byte failed.
 
 // Blanks the mark of the spare bank, if it has one.
 enum memory_result bank_blank(struct bank *bank) MUST_CHECK;

@@ -15,7 +15,8 @@
 //   answer with logbook_open(), where messages are to be kept: at the start, when a
 //   card comes back, when a probe begins to stream. The first thing put in must be a
 //   hello.
-// - LOG_ENDED says that nothing more is kept, whoever ended it: stop putting. It comes
+// - LOG_ENDED reports that nothing more is stored, whatever ended it: stop putting. It
+// comes
 //   some milliseconds behind logbook_close(), a card's 250 ms at the worst, or a second
 //   where it is at its end; then logbook_is_idle().
 // - A card that is pulled ends its recording. One that fails and comes back at once (a

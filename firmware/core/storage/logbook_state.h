@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the logbook share: its phases, the bytes of a block (docs/card.md),
+// Shared by the files of the logbook: its phases, the bytes of a block (docs/card.md),
 // what the card is asked for and what is told of it. Private to the logbook.
 #ifndef LOGBOOK_STATE_H
 #define LOGBOOK_STATE_H
@@ -18,7 +18,7 @@ enum {
     LOGBOOK_CRC_AT = 508,
 };
 
-// What goes on; each phase but WAITING and RESTING is one operation of the card.
+// The current phase; each one but WAITING and RESTING is one operation of the card.
 enum logbook_phase {
     LOGBOOK_WAITING,  // for the time to look for a card
     LOGBOOK_IDENTIFY,
@@ -29,7 +29,7 @@ enum logbook_phase {
     LOGBOOK_FILE_CHAIN,
     LOGBOOK_HEAD,
     LOGBOOK_SEARCH,
-    LOGBOOK_RESTING,  // nothing goes on
+    LOGBOOK_RESTING,  // idle
     LOGBOOK_CHECKING,
     LOGBOOK_OPENING,
     LOGBOOK_CUTTING,
@@ -70,8 +70,8 @@ void logbook_refuse(struct logbook *book, enum card state, enum cause cause);
 void logbook_refuse_unprepared(struct logbook *book);
 // The card failed.
 void logbook_fail(struct logbook *book, enum sdcard_result failure);
-// Identifies a card that failed amid a recording once more; the recording goes on from
-// what the card has confirmed.
+// Identifies a card that failed amid a recording once more; the recording continues
+// from what the card has confirmed.
 void logbook_restart(struct logbook *book, enum sdcard_result failure);
 // Ready for a recording, or full.
 void logbook_settle(struct logbook *book);

@@ -2,7 +2,7 @@
 // Bytes of a board's memory; see memory.h.
 #include "core/storage/memory.h"
 
-enum { TRIES_MAX = 3 };  // EEPROM cells fail for good, not now and then
+enum { TRIES_MAX = 3 };  // EEPROM cells fail permanently, not intermittently
 
 uint8_t memory_read(const IN_FLASH struct memory *memory, uint16_t offset) {
     return memory->read(memory->port, offset);

@@ -35,7 +35,7 @@ struct memory {
 enum memory_result {
     MEMORY_OK = 0,
     MEMORY_BUSY = 1,     // there is more to write; call again
-    MEMORY_FAILED = -1,  // the memory does not keep what is written
+    MEMORY_FAILED = -1,  // the memory does not store what is written
 };
 
 // Writes bytes one after the other, and gives up on one that memory never takes.
@@ -46,7 +46,7 @@ struct memory_writer {
 };
 
 // Starts to write a byte where memory does not hold it yet, and returns MEMORY_BUSY;
-// MEMORY_OK where it does, MEMORY_FAILED after three writes in vain. The memory must be
+// MEMORY_OK when it does, MEMORY_FAILED after three failed writes. The memory must be
 // ready.
 enum memory_result memory_put(struct memory_writer *writer, uint16_t offset,
                               uint8_t value) MUST_CHECK;

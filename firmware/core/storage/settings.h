@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a probe remembers without power beside its params: who it is, and how it
+// Settings that a probe keeps without power, beside its params: its id, and how it
 // streams. The id has a place of its own, written once and in two copies; the rest are
 // tagged records in a pair of banks, of which those of another firmware are kept.
 #ifndef SETTINGS_H
@@ -36,7 +36,7 @@ enum settings_result {
 struct settings_writer {
     struct bank bank;
     uint8_t phase;
-    bool is_asked_again;    // in the midst of a save's end
+    bool is_asked_again;    // while a save is being completed
     uint8_t at;             // in the identity, then in the content
     struct bank_list list;  // the content that is saved
 };
@@ -57,7 +57,7 @@ void settings_save(struct settings_writer *writer);
 
 // Starts to write at most one byte, for which the memory must be ready. Returns
 // MEMORY_BUSY while a save is in progress, MEMORY_OK after it or where nothing is to be
-// saved, and MEMORY_FAILED once where the memory does not keep a byte; the save is then
+// saved, and MEMORY_FAILED once if the memory does not store a byte; the save is then
 // over.
 enum memory_result settings_step(struct settings_writer *writer,
                                  struct settings *settings) MUST_CHECK;

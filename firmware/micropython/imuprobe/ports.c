@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What core/ asks of a board, answered by MicroPython objects; see object.h.
+// The board functions of core/, provided by MicroPython objects; see object.h.
 #include <string.h>
 
 #include "object.h"
@@ -14,7 +14,7 @@ struct imuprobe *imuprobe_current;
 
 enum { CALL_MAX = 5 };  // method, object, three arguments
 
-// An exception must not leave core/ in the midst of its work.
+// An exception must not leave core/ with its work half done.
 mp_obj_t imuprobe_call(struct imuprobe *self, size_t count, mp_obj_t *call,
                        int *error) {
     nlr_buf_t nlr;
@@ -184,7 +184,7 @@ static void start_sampling(const struct bus_burst *bursts, uint8_t count) {
     self->stale_us = UINT32_C(750000) / self->driver.identity->rate_hz;
     self->edges.taken = self->edges.count;
     self->is_sampling = true;
-    // Of a reading that waits already nobody knows since when.
+    // The age of a reading that already waits is unknown.
     self->is_stale = line_is_high(self);
 }
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a board says of itself in `hello`."""
+"""The fields of a board in `hello`."""
 
 import sys
 

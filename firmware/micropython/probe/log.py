@@ -32,7 +32,7 @@ class FileLog:
         self._error = 0
 
     def open(self, probe):
-        """Begins the next file; where that fails, the probe goes on without."""
+        """Begins the next file; where that fails, the probe continues without."""
         try:
             self._number = 1 + _last(os.listdir(self._folder))
             name = "{}/imu-{:04}.bin".format(self._folder, self._number)

@@ -48,7 +48,7 @@ def run(
     pressed; `storage`: of storage.py, None: nothing is kept; `supply`: a function that
     returns the supply in mV; `battery`: of battery.py; `log`: of log.py; `hook`: a
     function that is called once a second. An exception of these four is told as the
-    event hook_failed, and the probe goes on. `filter`: of madgwick.py, for poses
+    event hook_failed, and the probe continues. `filter`: of madgwick.py, for poses
     without the C module, which has its own.
     """
     probe = _attached(sensor, ready, storage, plain, filter)

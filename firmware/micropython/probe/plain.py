@@ -127,7 +127,7 @@ class Probe:
             self.tell(wire.EVENT_BUS_RECOVERED, wire.CAUSE_NONE, self._recoveries, now)
         self._tell_hello(now)
         if self._ready():
-            # Of a reading that waits already nobody knows since when.
+            # The age of a reading that already waits is unknown.
             driver.read(self._raw)
 
     def _take_sample(self, now):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What a probe without the C module keeps without power, and how its id is made."""
+"""Settings that a probe without the C module keeps without power, and how its id is
+made."""
 
 import struct
 

@@ -27,7 +27,7 @@ class Status:
         self._work_us = self._worst_us = self._samples = 0
 
     def worked(self, us):
-        """What a sample took."""
+        """Reports the time of a sample."""
         self._work_us += us
         self._samples += 1
         if us > self._worst_us:

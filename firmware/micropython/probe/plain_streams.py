@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What of a sample a probe without the C module sends: the raw message, the pose of a
-filter, or both, each at its rate.
+"""The messages that a probe without the C module sends of a sample: the raw message,
+the pose of a filter, or both, each at its rate.
 """
 
 from . import wire
@@ -32,7 +32,8 @@ class Streams:
             self._fusion.begin(rate_hz, hello)
 
     def choose(self, fields):
-        """Of enum stream; False, and nothing changed, where it has no filter."""
+        """Selects streams by flags of `stream`; False, and nothing changed, for poses
+        without a filter."""
         most = wire.STREAM_RAW
         if self._fusion is not None:
             most |= wire.STREAM_POSE
@@ -42,7 +43,7 @@ class Streams:
         return True
 
     def rates(self):
-        """Of poses and raw messages, as they are sent."""
+        """The rates of poses and raw messages, as they are sent."""
         poses, raws = self._settings.pose_rate, self._settings.rate
         if self._rate_hz:
             raws = min(raws, self._rate_hz)

@@ -24,7 +24,7 @@ class Relay:
         raise NotImplementedError
 
     def sender(self, probe):
-        """What to call in place of probe.send, with this object."""
+        """The replacement of probe.send, with this object."""
         take = getattr(probe, "take", None)
         return probe.send if take is None else lambda _: self._relay(take)
 
@@ -39,8 +39,8 @@ class Relay:
 
 
 class Tee(Relay):
-    """A wire whose bytes go to a log, too. The log goes on where nobody reads the wire,
-    such as a USB port with no host: those bytes are dropped from the wire.
+    """A wire whose bytes also go to a log. The log continues if nobody reads the wire,
+    such as a USB port without a host: those bytes are dropped from the wire.
     """
 
     def __init__(self, wire, log):

@@ -31,7 +31,7 @@ class FileStorage:
                 return
 
     def save(self, cells):
-        """Raises OSError where the file system does not keep them."""
+        """Raises OSError if the file system does not store them."""
         with _opened(self._part, "wb") as file:
             if file.write(cells) != len(cells):
                 raise OSError(28)  # ENOSPC

@@ -107,7 +107,7 @@ class UDP(Relay):
         return length
 
     def receiver(self, probe):
-        """What to call in place of probe.receive, with this object."""
+        """The replacement of probe.receive, with this object."""
         is_module = hasattr(probe, "take")
         return (lambda _: self._hand(probe.receive)) if is_module else probe.receive
 
@@ -164,7 +164,7 @@ class UDP(Relay):
         self._socket = opened
 
     def _take(self, datagram, now):
-        """What is not signed for this session is ignored."""
+        """Take a datagram; one not signed for this session is ignored."""
         if len(datagram) < _HEAD + _SIGNATURE or datagram[1:9] != self._id:
             return
         if datagram[0] == _WELCOME:

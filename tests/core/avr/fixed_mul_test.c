@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Runs firmware/avr/fixed_mul.S over a sequence of factors that test_fixed_mul_avr.py
-// knows too, and prints what came out: cycles, then hashes of the results.
+// knows too, and prints the outcome: cycles, then hashes of the results.
 #include <avr/io.h>
 #include <stdint.h>
 #include <stdio.h>

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What our port for this machine has as a module, for a MicroPython with files."""
+"""The module of our port for this machine, for a MicroPython with files."""
 
 
 def read(path):

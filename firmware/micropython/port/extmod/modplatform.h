@@ -1,3 +1,3 @@
 // SPDX-License-Identifier: MIT
-// What py/modsys.c asks of extmod/, which the package of sources lacks.
+// The part of extmod/ that py/modsys.c needs, which the package of sources lacks.
 #define MICROPY_PLATFORM_VERSION ""

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The module chips: the modelled sensors of sim/chips as MicroPython objects, each of
-// them machine.I2C and data-ready Pin in one. Time goes on by their transfers and by
+// them machine.I2C and data-ready Pin in one. Time continues by their transfers and by
 // chips.wait(), and is the port's clock from the first chip on.
 #include "chips_time.h"
 #include "lsm9ds0.h"

@@ -80,8 +80,8 @@ mp_uint_t mp_hal_ticks_us(void) {
     return clock_us();
 }
 
-// Milliseconds since reset; the microseconds wrap after 71.6 min, and somebody asks
-// oftener than that.
+// Milliseconds since reset; the microseconds wrap after 71.6 min, and it is called more
+// often than that.
 mp_uint_t mp_hal_ticks_ms(void) {
     static uint64_t total_us;
     const uint32_t primask = cpu_mask();

@@ -145,7 +145,7 @@ static void run_handler(struct pin *self) {
         mp_sched_schedule(self->handler, MP_OBJ_FROM_PTR(self));
         return;
     }
-    // No allocation: the heap may be in the midst of one.
+    // No allocation: one may be in progress.
     gc_lock();
     mp_sched_lock();
     nlr_buf_t nlr;
