@@ -17,8 +17,7 @@ struct bus_window {
 enum { BUS_WINDOWS = 8 };
 extern const struct bus_window bus_windows[BUS_WINDOWS];
 
-// The emulator's address of so many bytes of RAM, CCM or flash. Null: it is none of
-// them.
+// The emulator's address of `size` bytes of RAM, CCM or flash. Null: of other memory.
 uint8_t *f405_memory(struct f405 *m, uint32_t address, uint32_t size);
 bool f405_is_flash(uint32_t address);
 // Whether the RCC clocks the peripheral with that bit of that bus.

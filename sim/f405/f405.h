@@ -145,7 +145,7 @@ void f405_free(struct f405 *m);
 // Switches power on; the core starts from the vector table in flash.
 void f405_power_up(struct f405 *m);
 
-// Runs until that time. False once it can't go on: m->ended says why.
+// Runs until that time. False once it can't continue: m->ended says why.
 bool f405_run(struct f405 *m, uint64_t until_ps);
 // From a callback: has f405_run() stop at that time at the latest.
 void f405_pause(struct f405 *m, uint64_t at_ps);

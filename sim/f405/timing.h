@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Time of the virtual STM32F405 in picoseconds since power came, and what happens by
-// itself at which moment.
+// Time of the virtual STM32F405 in picoseconds since power-on, and the schedule of its
+// events.
 #ifndef SIM_F405_TIMING_H
 #define SIM_F405_TIMING_H
 

@@ -171,8 +171,8 @@ size_t cable_get(struct cable *cable, uint8_t *bytes, size_t room) {
     if (got <= 0) {
         return 0;
     }
-    // Whoever wrote this may have opened it when another had closed it: what the board
-    // answers must come after that was forgotten.
+    // The program that wrote this may have opened it after another had closed it: what
+    // the board answers must come after that was forgotten.
     follow_listeners(cable);
     return (size_t)got;
 }

@@ -28,7 +28,7 @@ struct cable {
 // Null, or what is wrong.
 const char *cable_open(struct cable *cable, const char *link);
 void cable_close(struct cable *cable);
-// Whether somebody has opened it whom nobody was before, since the last call.
+// Whether a program has opened it since the last call.
 bool cable_was_opened(struct cable *cable);
 // Sends a byte. Where the reader is slow it waits if told so (false: a signal came),
 // else it drops and counts the byte.

@@ -16,7 +16,7 @@ static void add_chip_fault(struct run *run, const struct chip_fault *fault) {
     }
 }
 
-// Of two at the same tick, the one that was added first comes first.
+// Events at the same tick happen in the order in which they were added.
 static void add_event(struct run *run, struct run_event event) {
     if (run->event_count == RUN_EVENTS_MAX) {
         misuse(run, "asks for more events than a run can have");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What happens to the board in a run, and when.
+// Scheduled events of a board in a run.
 #ifndef SIM_RUN_EVENTS_H
 #define SIM_RUN_EVENTS_H
 

@@ -22,7 +22,7 @@ static const char *const chip_kinds[] = {
     [CHIP_FAULT_MAG_HUNG] = "mag_hung",
 };
 
-// Of every board.
+// Faults of every board.
 static const struct fault_kind board_kinds[] = {
     {"reset", FAULT_RESET, 0},
     {"brown_out", FAULT_BROWN_OUT, 0},
@@ -228,7 +228,7 @@ static bool read_fault(struct faults *faults, const char **at, struct fault *fau
     return has_kind || fail(faults, "a fault has no kind");
 }
 
-// Of what keeps its list for the whole run, the chips take a few only.
+// The chips accept only a few faults that stay listed for the whole run.
 static bool are_few(struct faults *faults, enum fault_target target,
                     const char *whose) {
     unsigned count = 0;

@@ -15,7 +15,7 @@
 //   no_mag           LSM9DS0: the magnetometer measures nothing. LIS3MDL: it answers
 //                    no more
 //   gyr_self_test, acc_self_test   a tenth of the response
-//   frozen           data ready goes on, the numbers stand still
+//   frozen           data ready continues, the numbers stand still
 //   register_flip    register `reg` becomes `value`, once
 //   sensor_brown_out the sensor alone loses its power for a moment, once
 //   mag_hung         MPU-9250: the AK8963 holds its bus, until `clocks` SCL pulses

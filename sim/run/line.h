@@ -17,7 +17,8 @@ struct line {
 
 // False where memory is out.
 bool line_put(struct line *line, uint64_t from, uint8_t byte);
-// Of a line that is not empty: when its first byte may start; takes that byte.
+// For a line that is not empty: the time at which its first byte may start; removes
+// that byte.
 uint64_t line_next(const struct line *line);
 uint8_t line_take(struct line *line);
 // Leaves it empty.

@@ -5,7 +5,7 @@
 
 #include "run.h"
 
-// Reads the arguments. 0 to go on, else the exit code plus 1.
+// Reads the arguments. 0 to continue, else the exit code plus 1.
 int run_parse_options(struct run *run, char **rest);
 // The value of a hexadecimal digit, or -1.
 int run_hex_digit(char digit);

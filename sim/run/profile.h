@@ -2,10 +2,10 @@
 // Attributes each cycle to a function of the image, to a part and to an interrupt,
 // sample by sample. A sample is what the firmware marks, as in the summary.
 //
-// Calls, returns and interrupts, reported by whoever runs the processor, are followed
-// on a stack of our own. A part is a set of addresses; code that belongs to none, such
-// as shared arithmetic, counts for the part that called it. An interrupt counts for
-// itself alone, never for what it interrupted.
+// Calls, returns and interrupts, reported by the emulator of the processor, are
+// followed on a stack of our own. A part is a set of addresses; code that belongs to
+// none, such as shared arithmetic, counts for the part that called it. An interrupt
+// counts for itself alone, never for what it interrupted.
 #ifndef SIM_RUN_PROFILE_H
 #define SIM_RUN_PROFILE_H
 

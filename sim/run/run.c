@@ -193,7 +193,7 @@ static void exchange(struct run *run, bool is_paced) {
     run->inbox_count = 0;
 }
 
-// False when the processor can't go on.
+// False when the processor can't continue.
 static bool run_all(struct run *run) {
     const struct run_board *board = run->board;
     const uint64_t tick_us = run->now_ns == NULL ? TICK_US : NOW_TICK_US;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the programs of both virtual boards share: options, scheduled events, the run in
+// Shared by the programs of both virtual boards: options, scheduled events, the run in
 // real time or at full speed, and the summary.
 #ifndef SIM_RUN_RUN_H
 #define SIM_RUN_RUN_H
@@ -33,7 +33,7 @@ enum {
     "            [--now FILE] [--reset-on-open]\n"                                     \
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
 
-// What a board reports at the end of a run.
+// A board's report at the end of a run.
 struct run_report {
     uint64_t resets;         // without the first
     uint64_t memory_writes;  // to what it keeps without power
@@ -53,7 +53,7 @@ struct run_report {
     unsigned more_count;
     bool has_radio;
     const char *radio_complaint;
-    const char *crash;  // why the firmware can't go on
+    const char *crash;  // why the firmware can't continue
     uint32_t pc, sp;
 };
 
@@ -83,7 +83,7 @@ struct run_board {
     // Loads the image into flash and switches power on. 0, or the exit code after a
     // message.
     int (*power_up)(void *self, struct run *run);
-    // Runs until a tick. False once the processor can't go on.
+    // Runs until a tick. False once the processor can't continue.
     bool (*run)(void *self, uint64_t until);
     uint64_t (*now)(const void *self);
     uint64_t (*nanoseconds)(uint64_t tick);
@@ -193,7 +193,7 @@ int run_main(struct run *run, const struct run_board *board, void *self,
 // Fills the memory that survives power from the file of --eeprom, if given; for the
 // board's power_up(). 0, or the exit code after a message.
 int run_load_memory(struct run *run);
-// Prints one line that says what is wrong with a file. Returns 2, the exit code.
+// Prints one line about a mistake in a file. Returns 2, the exit code.
 int run_complain(const struct run *run, const char *path, const char *what);
 // The same for an option, followed by the usage text.
 int run_usage(const struct run *run, const char *what, const char *which);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a run says at its end.
+// The summary of a run.
 #ifndef SIM_RUN_SUMMARY_H
 #define SIM_RUN_SUMMARY_H
 

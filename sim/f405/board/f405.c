@@ -21,7 +21,7 @@ static const char usage_text[] =
     "not\n"
     "tell: up to 2 GB, or more\n"
     "--radio is an RN-41 between probe and wire, with its settings in FILE\n"
-    "--battery is a cell of so many millivolts, and its charger\n"
+    "--battery is the voltage of a cell in millivolts, with its charger\n"
     "--crystal is the frequency of the board's crystal, 4 to 26 MHz: 12 on a "
     "pyboard\n"
     "v1.1, 8 on a v1.0\n"

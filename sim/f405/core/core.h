@@ -41,7 +41,7 @@ bool core_take(struct f405 *m);
 // Whether a pending exception ends the core's sleep; whether one ever can.
 bool core_wakes(const struct f405 *m);
 bool core_can_wake(const struct f405 *m);
-// After WFI, WFE or on the way out of the last handler. False: it goes on at once.
+// After WFI, WFE or on the way out of the last handler. False: it continues at once.
 bool core_sleep(struct f405 *m);
 void core_return(struct f405 *m, uint32_t exc_return);
 // With the bits of CFSR that say why.

@@ -13,7 +13,7 @@ struct f405;
 bool engine_open(struct f405 *m);
 void engine_close(struct f405 *m);
 // One instruction at m->pc. True: it is done, and the next may follow. False: ask
-// engine_serve_stop() to go on, with the error.
+// engine_serve_stop() to continue, with the error.
 bool engine_step(struct f405 *m, uc_err *error);
 // Serves what made libunicorn stop: an exception, a fault or sleep; or ends the run.
 void engine_serve_stop(struct f405 *m, uc_err error);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of thumb share: an instruction under way, arithmetic with flags,
+// Shared by the files of thumb: an instruction under way, arithmetic with flags,
 // shifts, loads and stores (ARM, chapters A5 to A7). Inline, because they are the
 // emulator's innermost loop.
 #ifndef SIM_F405_CORE_THUMB_STEP_H

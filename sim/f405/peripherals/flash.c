@@ -144,7 +144,7 @@ void flash_store(struct f405 *m, uint32_t address, unsigned size, uint32_t value
         begin(m, false, PROGRAM_PS);
     }
     follow_line(m);
-    // libunicorn goes on and makes the store unchanged.
+    // libunicorn continues and makes the store unchanged.
     if (flash->store_count < sizeof flash->stores / sizeof *flash->stores) {
         flash->stores[flash->store_count].offset = offset;
         flash->stores[flash->store_count].size = size;

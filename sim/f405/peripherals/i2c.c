@@ -307,7 +307,7 @@ void f405_spurious_berr(struct f405 *m) {
 }
 
 // SDA is pulled low for a moment: the sensor sees a START within a byte and drops out
-// of the transfer; the peripheral reports it and goes on (RM, "Bus error"). Of a byte
+// of the transfer; the peripheral reports it and continues (RM, "Bus error"). Of a byte
 // that the sensor was sending the bits still to come are ones.
 void f405_glitch(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;

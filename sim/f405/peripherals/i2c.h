@@ -11,8 +11,7 @@ struct f405;
 struct f405_i2c {
     uint32_t cr1, cr2, oar1, oar2, sr1, sr2, ccr, trise, fltr;
     uint8_t data, shift;
-    uint8_t
-        torn;  // of the byte being received: what came before the sender dropped out
+    uint8_t torn;  // of the byte being received: the bits before the sender dropped out
     bool is_data_full;   // to be sent
     bool is_shift_full;  // received, and the data register still full
     enum { BUS_IDLE, BUS_START, BUS_ADDRESS, BUS_SEND, BUS_RECEIVE, BUS_STOP } doing;

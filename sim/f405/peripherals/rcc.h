@@ -26,7 +26,7 @@ enum { PWR_VOS = 1 << 14 };  // of PWR_CR: voltage scale 1
 void rcc_power_up(struct f405 *m);
 void rcc_reset(struct f405 *m, uint32_t cause);
 void rcc_event(struct f405 *m);
-// Applies the registers to the clocks; time goes on at the new rate.
+// Applies the registers to the clocks; time continues at the new rate.
 void rcc_set_clocks(struct f405 *m);
 // What a clock would be if HSI were as it should be: that it is off is not the
 // firmware's doing.

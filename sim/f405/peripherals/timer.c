@@ -91,7 +91,7 @@ static void follow_line(struct f405 *m, unsigned unit) {
 static uint64_t moment(const struct f405 *m, const struct f405_timer *timer,
                        uint64_t ticks) {
     const uint64_t cycles = ticks * (timer->shadow_psc + 1ULL);
-    // The first picosecond at which so many ticks have passed.
+    // The first picosecond at which this many ticks have passed.
     return timer->from + f405_ps(cycles, m->timer_hz) + 1;
 }
 

@@ -402,7 +402,7 @@ void usart_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     wired_follow(m);
 }
 
-// Bytes on the line come from outside and go on arriving.
+// Bytes on the line come from outside and keep arriving.
 void usart_reset(struct f405 *m, unsigned unit) {
     (void)unit;
     struct f405_usart *usart = &m->usart;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What is wired to the pins beside sensor and card: a radio on USART2, a Li-ion cell on
+// Devices wired to the pins beside sensor and card: a radio on USART2, a Li-ion cell on
 // a divider, and its charger, a BQ24072.
 #include "chips/rn41.h"
 #include "f405/f405.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What is wired to the pins beside the sensor and the card: radio, cell and charger.
+// Devices wired to the pins beside the sensor and the card: radio, cell and charger.
 #ifndef SIM_F405_PERIPHERALS_WIRED_H
 #define SIM_F405_PERIPHERALS_WIRED_H
 
@@ -26,7 +26,7 @@ void wired_tell_host(struct f405 *m);
 void wired_follow(struct f405 *m);
 // What they drive: 0, 1, or -1 for nothing.
 int wired_level(const struct f405 *m, unsigned port, unsigned pin);
-// PC0 has been set up anew.
+// PC0 has been set up again.
 void wired_settle(struct f405 *m);
 // The voltage at PC0 and, in *ohms, the resistance behind it; 0: nothing drives it.
 double wired_analog_mv(const struct f405 *m, double *ohms);

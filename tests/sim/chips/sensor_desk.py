@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What tests of both sensors share: the chip on an I2C bus, the time, faults."""
+"""Shared by tests of both sensors: the chip on an I2C bus, the time, faults."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a power cut leaves on the model of the SD card."""
+"""The contents of the model of the SD card after a power cut."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Runs on the crystal without the clock security system. When the crystal dies, only
-// the watchdog goes on, which has an oscillator of its own.
+// the watchdog continues, which has an oscillator of its own.
 #include "bare.h"
 
 static KEPT uint32_t magic, last_us;

@@ -72,7 +72,7 @@ def test_a_clock_that_stops_leaves_the_watchdog(tmp_path: Path) -> None:
 def test_exceptions_nest_by_priority(tmp_path: Path) -> None:
     lines = bare.ended("nvic", tmp_path)
     # 61 interrupts 60. 62 has the priority of 60 and comes after it, 63 comes last.
-    # Then thread mode goes on.
+    # Then thread mode continues.
     high = [0x61, 0x1000 + 16 + 61, 0x161]
     assert lines["nesting"] == [0x60, *high, 0x160, 0x62, 0x63, 0xEE]
     assert lines["calls"] == [0xAA, 1, 0xBB, 2]

@@ -23,7 +23,7 @@ def made(folder: Path, size: int = 1 << 20) -> Path:
 
 
 def numbered(block: int) -> bytes:
-    """What the program writes: each byte follows from its block and place."""
+    """The data that the program writes: each byte follows from its block and place."""
     return bytes((block * 7 + i * 13 + (i >> 8)) & 0xFF for i in range(BLOCK))
 
 

@@ -140,6 +140,6 @@ def test_a_stale_link_is_replaced_and_a_file_of_others_is_kept(
     with on_the_wire(desk, tmp_path) as (process, _):
         assert str(link.readlink()).startswith("/dev/pts/")
         link.unlink()
-        link.write_text("somebody else's")
+        link.write_text("another program's")
         stop(process, tmp_path)
-    assert link.read_text() == "somebody else's"
+    assert link.read_text() == "another program's"
