@@ -11,7 +11,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PLATFORMIO_SETTING_ENABLE_TELEMETRY := no
 export PLATFORMIO_DISABLE_UPGRADE_CHECK := true
 unexport PLATFORMIO_CORE_DIR
-# Modules are compiled once, not by each of the hundreds of processes that tests start.
+# Compile modules once, not in each of the hundreds of processes that tests start.
 unexport PYTHONDONTWRITEBYTECODE
 # Tests run in several processes: those that load the firmware's C under the address
 # sanitizer, then the others, of which many wait, so that there are more than cores
@@ -22,15 +22,15 @@ log := detect_leaks=0:log_path=$(CURDIR)/build/sanitizer
 asan := IMU_ASAN=1 ASAN_OPTIONS=$(log) UBSAN_OPTIONS=$(log) \
 	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) libstdc++.so.6"
 tests := python -m pytest -q --dist loadfile --max-worker-restart 2 --durations 10
-# Both are run, whatever the first finds; the status tells of either.
+# Both run, even if the first fails; the status covers both.
 both = $(asan) $(tests) -n $(cores) -m "native$(1)" $(2) || status=1; \
 	$(tests) -n $(shell expr 2 \* $(cores) + 1) -m "not native$(1)" $(2) || status=1; \
 	exit $$status
 
-# Each process with one thread for arrays: they would wait for each other.
+# One thread for arrays in each process: more would wait for each other.
 test test-long coverage: export OPENBLAS_NUM_THREADS := 1
 
-help: ## this list
+help: ## lists the commands
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
 demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython, pico, mega)
@@ -41,7 +41,7 @@ test: ## all tests, those of the C under sanitizers
 	@$(PYTHON) tools/setup.py test
 	@export IMU_SAMPLE=1; status=0; $(both)
 
-test-long: ## hours, cuts and examples of which the tests take a part each time, in full
+test-long: ## the tests that `make test` shortens, in full
 	@$(PYTHON) tools/setup.py test-long
 	@export IMU_LONG=1; status=0; \
 	  $(call both, and (long or sampled or nightly or hypothesis),-o timeout=1800)
@@ -51,21 +51,21 @@ hours: ## twelve hours of both boards, with faults from a seed (HOURS=12 SEED=1 
 	@cd tests && python -m hours --hours $(or $(HOURS),12) --seed $(or $(SEED),1) \
 	  $(if $(MINUTES),--minutes $(MINUTES)) $(if $(FRESH),--fresh)
 
-fresh: ## demo and tests of a fresh clone in bare Debian 12 and 13 (SUITE=trixie)
+fresh: ## demo and tests in a fresh clone on bare Debian 12 and 13 (SUITE=trixie)
 	@$(PYTHON) tools/fresh.py $(SUITE:%=--suite %)
 
-bits: ## ten minutes of recordings have the same poses on every processor
+bits: ## checks that ten minutes of recordings give the same poses on every processor
 	@$(PYTHON) tools/setup.py test
 	@IMU_BITS_SECONDS=600 python -m pytest -q -o timeout=1800 tests/system/test_bits.py
 
-coverage: ## fails where a line of firmware/core is run by none of its tests
+coverage: ## fails if the tests of firmware/core leave out a line of it
 	@$(PYTHON) tools/setup.py coverage
 	@rm -rf build/native
 	@IMU_COVERAGE=1 python -m pytest -q -n $(cores) --dist loadfile -m native \
 	  tests/core tests/protocol
 	@gcovr --merge-lines --fail-under-line 100 --filter firmware/core/ build/native
 
-fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)
+fuzz: ## random input, with clang's fuzzer (SECONDS=60 for each target)
 	@$(PYTHON) tools/setup.py check
 	@$(MAKE) --silent --directory tests/fuzz fuzz
 
@@ -73,7 +73,7 @@ check: ## formatting, lints, types, the rules of the house; all three compilers
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py
 
-mutate: ## which small changes of a room no test notices (ROOM=math SEED=1 COUNT=20)
+mutate: ## lists small changes of a room that no test notices (ROOM=math SEED=1 COUNT=20)
 	@$(PYTHON) tools/setup.py test
 	@python tools/mutate.py $(or $(ROOM),math) --seed $(or $(SEED),1) \
 	  --count $(or $(COUNT),20)
@@ -82,11 +82,11 @@ compilers: ## the Nano's images with avr-gcc 5.4, 7.3 and 14.2: bytes, and the r
 	@$(PYTHON) tools/setup.py demo --board nano
 	@python tools/compilers.py
 
-format: ## lays out C and Python
+format: ## formats C and Python
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py --format
 
-lock: ## requirements.lock anew: the newest versions that pyproject.toml allows
+lock: ## updates requirements.lock to the newest versions that pyproject.toml allows
 	@$(PYTHON) tools/setup.py check
 	@python tools/locked.py
 
@@ -95,7 +95,7 @@ firmware: ## image of a board (BOARD=nano, mega, f405, micropython, pico, pico-m
 	@$(if $(filter micropython pico%,$(BOARD)),,pio run --environment $(environment))
 	@$(if $(filter pico%,$(BOARD)),echo "build/pico/$(BOARD).uf2: copy it onto the drive that the board shows")
 
-sim: ## the virtual boards: build/sim/nano, build/sim/f405
+sim: ## builds the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo
 
 # A gigabyte that nothing else needs: docs/decisions/0028-printed-parts.md.
@@ -115,7 +115,7 @@ bench: ## accuracy, or WHAT=honesty, nano, f405, micropython, card, host, hosts,
 	@$(PYTHON) tools/setup.py bench
 	@python -m benchmarks $(WHAT)
 
-pictures: ## docs/pictures, from what `make bench` has measured, and of the page
+pictures: ## draws docs/pictures, from the results of `make bench`, and of the page
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/pictures/results.py
 	@python benchmarks/pictures/poses.py
@@ -125,20 +125,20 @@ pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@python benchmarks/pictures/page_views.py
 	@python benchmarks/pictures/page_moving.py
 
-release: ## packages for pip, firmware, lists and sums, of the last commit: build/release/dist
+release: ## builds packages for pip, firmware, lists and sums, of the last commit: build/release/dist
 	@$(PYTHON) tools/setup.py release
 	@python tools/release.py $(if $(NO_SOURCES),--without-sources) $(if $(TWICE),--twice)
 
-site: ## the documents as a site with search: build/site/html; broken links fail it
+site: ## builds the documents as a site with search: build/site/html; fails on broken links
 	@$(PYTHON) tools/setup.py release
 	@python tools/site_pages.py
 
-installed: ## installs what `make release` made in bare Debian 12 and 13 (SUITE=trixie)
+installed: ## installs the packages of `make release` on bare Debian 12 and 13 (SUITE=trixie)
 	@python tools/installed.py $(SUITE:%=--suite %)
 
-setup: ## everything any of these needs
+setup: ## installs everything that these commands need
 	@$(PYTHON) tools/setup.py check
 	@$(PYTHON) tools/setup.py bench
 
-clean: ## removes what was built; .venv stays
+clean: ## removes everything that was built, but keeps .venv
 	@rm -rf build .pio

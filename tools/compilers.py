@@ -220,7 +220,7 @@ def pio() -> tuple[str, ...]:
     beside = Path(sys.executable).parent / "pio"
     found = str(beside) if beside.exists() else shutil.which("pio")
     if found is None:
-        sys.exit("pio is not there: make compilers installs it")
+        sys.exit("pio is missing: make compilers installs it")
     return (found,)
 
 

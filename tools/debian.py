@@ -64,7 +64,7 @@ def archive() -> str:
 
 
 def output(*command: str, cwd: Path | None = None) -> str:
-    """What a command prints; NotInstalled with the reason if it fails."""
+    """The output of a command; NotInstalled with the reason if it fails."""
     try:
         done = subprocess.run(
             command,

@@ -116,7 +116,7 @@ def main() -> int:
         "--suite", action="append", help=f"of Debian (default: {' and '.join(SUITES)})"
     )
     parser.add_argument(
-        "--here", action="store_true", help="a fresh clone on this machine alone"
+        "--here", action="store_true", help="only a fresh clone on this machine"
     )
     parser.add_argument(
         "command", nargs="*", help="in the clone (default: the README's two)"
@@ -124,7 +124,7 @@ def main() -> int:
     args = parser.parse_args()
     commands = args.command or COMMANDS
     if output("git", "-C", str(ROOT), "status", "--porcelain"):
-        sys.stdout.write("note: changes that are not committed are not in the clone\n")
+        sys.stdout.write("note: uncommitted changes are not in the clone\n")
     suites = args.suite or SUITES
     archives: dict[str, Path | None] = {}
     try:
@@ -218,7 +218,7 @@ def bare_system(
     or old. `kind` names it.
     """
     if os.geteuid() != 0:
-        raise NoRootError("it takes root: try sudo make fresh")
+        raise NoRootError("it needs root: try sudo make fresh")
     attempt("unshare", "--mount", "true")
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     archive = cache / "imu-probe" / f"{kind}-{suite}.tar"
@@ -237,7 +237,7 @@ def is_young(archive: Path) -> bool:
 
 
 def make_bare_system(suite: str, packages: Sequence[str], archive: Path) -> None:
-    sys.stdout.write(f"a bare {suite} is made, to be kept as {archive}\n")
+    sys.stdout.write(f"creating a bare {suite}, stored as {archive}\n")
     sys.stdout.flush()
     if shutil.which("mmdebstrap") is None:
         install = "apt-get install -y --no-install-recommends mmdebstrap"

@@ -40,7 +40,7 @@ DEB = (
 
 
 class Row:
-    """What was done, how long it took, and what is wrong with it."""
+    """A step, its duration, and its errors."""
 
     def __init__(self, suite: str, what: str, seconds: float, fault: str = "") -> None:
         self.suite, self.what, self.seconds, self.fault = suite, what, seconds, fault
@@ -132,7 +132,7 @@ def main() -> int:
     parser.add_argument("--dist", type=Path, default=release.PLACE / "dist")
     args = parser.parse_args()
     if not args.dist.is_dir():
-        sys.stderr.write(f"installed: {args.dist} is not there: make release\n")
+        sys.stderr.write(f"installed: {args.dist} is missing: make release\n")
         return 1
     version = release.version_of(release.ROOT)
     try:
@@ -142,7 +142,7 @@ def main() -> int:
             for row in tried(suite, args.dist, version)
         ]
     except fresh.NoRootError as error:
-        sys.stdout.write(f"installed: not tried, as there is no bare Debian: {error}\n")
+        sys.stdout.write(f"installed: not run, as there is no bare Debian: {error}\n")
         return 0
     return 1 if any(row.fault for row in rows) else 0
 

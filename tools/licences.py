@@ -26,7 +26,7 @@ def main() -> int:
     for name, words in found:
         sys.stdout.write(f"{name}: {words}\n")
     if found:
-        sys.stdout.write(f"{MIT} is MIT and must not need these\n")
+        sys.stdout.write(f"{MIT} is MIT and must not depend on these\n")
     return 1 if found else 0
 
 
@@ -55,8 +55,8 @@ def bound(package: str) -> Iterator[tuple[str, str]]:
 
 
 def licence(about: metadata.PackageMetadata) -> str:
-    """What a package says of its licence, on one line: in its metadata there are three
-    places. Long ones are texts, whose first lines say it.
+    """A package's statement of its licence, on one line: in its metadata there are
+    three places. Long ones are texts, whose first lines say it.
     """
     told = [*(about.get_all("License-Expression") or [])]
     told += [

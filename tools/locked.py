@@ -2,8 +2,8 @@
 """Which version and which files of each package of others we install: requirements.lock
 has them with their SHA-256, for every system and every Python from 3.11 on.
 
-Imported by the system's Python before any package is there. Run, it writes the file
-anew: the newest versions that pyproject.toml's ranges allow.
+Imported by the system's Python before any package is there. Run, it rewrites the file:
+the newest versions that pyproject.toml's ranges allow.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def is_used() -> bool:
 
 
 def write(project: dict[str, Any]) -> None:
-    """The file anew. CalledProcessError: said by uv, on stderr."""
+    """Rewrites the file. CalledProcessError: said by uv, on stderr."""
     # The extra "sim" is ours.
     extras = project["project"]["optional-dependencies"].keys() - {"sim"}
     words = [word for name in sorted(extras) for word in ("--extra", name)]

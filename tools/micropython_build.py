@@ -37,7 +37,7 @@ STUBS = (
     "micropython-stdlib-stubs==1.29.0.post2",
 )
 
-# Of mpy-cross: the STM32F405's, the Pico's, the ESP32's.
+# Architectures of mpy-cross: of the STM32F405, the Pico and the ESP32.
 ARCH = "armv7emsp"
 ARCHS = (ARCH, "armv6m", "xtensawin")
 MAINS = OWN / "port" / "pyboard"
@@ -74,7 +74,7 @@ def check() -> None:
 
 
 def get_stubs() -> None:
-    """Install the stubs, if they are not there, in a folder of their own: they would
+    """Install the stubs, if they are missing, in a folder of their own: they would
     hide the types of Python's modules.
     """
     if not (BUILD / "stubs").is_dir():
@@ -121,7 +121,7 @@ def make(board: str, name: str, *settings: str) -> Path:
 
 
 def get_sources() -> None:
-    """Download and unpack the sources, if they are not there."""
+    """Download and unpack the sources, if they are missing."""
     if SOURCES.is_dir():
         return
     with tempfile.TemporaryDirectory(dir=BUILD) as room:
@@ -173,7 +173,7 @@ def compile_package(folder: Path, arch: str) -> list[tuple[Path, str]]:
 
 
 def compile_file(source: Path, target: Path, name: str, arch: str) -> None:
-    """Compile one file, if it is newer than what there is; `name` is what a traceback
+    """Compile one file, if it is newer than its target; `name` is what a traceback
     shows.
     """
     if target.exists() and target.stat().st_mtime >= source.stat().st_mtime:

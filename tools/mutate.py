@@ -41,7 +41,7 @@ EQUIVALENTS = Path("tests/equivalents.toml")
 
 CORE, HOST = Path("firmware/core"), Path("host/imud")
 CORE_TESTS = ("tests/core", "tests/protocol")
-# Of rooms of the host whose tests are not in tests/host/ROOM alone.
+# Tests of host rooms that are not only in tests/host/ROOM.
 HOST_TESTS = {
     "log": ("tests/host/log", "tests/host/recordings"),
     "web": tuple(
@@ -80,11 +80,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=20, help="changes (default: 20)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--file", help="only in files whose name has this")
+    parser.add_argument("--file", help="only in files whose name contains this")
     options = parser.parse_args()
     found = list(_sites(options.room, options.file))
     if not found:
-        sys.exit(f"there is no room {options.room} with anything to change")
+        sys.exit(f"there is no room {options.room} with code to change")
     count = min(options.count, len(found))
     chosen = random.Random(options.seed).sample(found, count)  # noqa: S311
     WORK.mkdir(parents=True, exist_ok=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What others wrote that is inside each package or image, and on which terms: the text
+"""Works of others inside each package or image, and their terms: the text
 of NOTICES.txt, from the licences where they lie.
 """
 
@@ -69,8 +69,8 @@ def of_micropython(sources: Path, tree: Path) -> Parts:
 
 
 def text(parts: Parts, source: Path) -> str:
-    """The notices; FileNotFoundError if the terms of a part are not there."""
-    head = "What others wrote that is inside, and on which terms:\n\n"
+    """The notices; FileNotFoundError if the terms of a part are missing."""
+    head = "Works of others inside, and their terms:\n\n"
     head += "".join(f"  {part.name} ({part.where})\n" for part in parts)
     pieces = [
         f"{'=' * 78}\n{part.name} ({part.where})\n{'=' * 78}\n\n{_terms(part, source)}"

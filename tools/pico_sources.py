@@ -74,9 +74,11 @@ class PicoSources:
 
     def _unpack(self, file: Path, digest: str) -> None:
         if not file.exists():
-            raise debian.NotInstalled(f"Debian 13 has another version than {file.name}")
+            raise debian.NotInstalled(
+                f"Debian 13 has a different version of {file.name}"
+            )
         if hashlib.sha256(file.read_bytes()).hexdigest() != digest:
-            raise debian.NotInstalled(f"{file.name} is not the file of that hash")
+            raise debian.NotInstalled(f"{file.name} has a different hash")
         if file.suffix == ".deb":
             debian.output("dpkg-deb", "-x", str(file), str(self.folder))
             return

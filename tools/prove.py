@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Proves with Frama-C's Eva that what parses strangers' bytes has no undefined
 behaviour, whatever the bytes are: no access beyond an array, no value that was never
-set, no overflow of signed numbers. docs/proof.md says what is assumed.
+set, no overflow of signed numbers. docs/proof.md lists the assumptions.
 
 The functions that are proved are called by tests/proof/*.c. Runs again only when one of
 their files has changed, unless --force is given.
@@ -120,7 +120,7 @@ _REACHED = re.compile(r"(\d+) statements reached \(out of (\d+)\)")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Of one function on one machine."""
+    """The proof of one function on one machine."""
 
     name: str
     machine: str
@@ -137,21 +137,21 @@ def main() -> None:
     )
     parser.add_argument("--force", action="store_true", help="even if nothing changed")
     parser.add_argument(
-        "--entry", metavar="DRIVER.FUNCTION", help="only this one, as params.read"
+        "--entry", metavar="DRIVER.FUNCTION", help="only this one, such as params.read"
     )
     parser.add_argument(
-        "--if-there", action="store_true", help="say so and end well without Frama-C"
+        "--if-there", action="store_true", help="report it and succeed without Frama-C"
     )
     options = parser.parse_args()
     if shutil.which(FRAMA_C) is None:
-        words = "Frama-C is not there, nothing was proved: apt install frama-c-base"
+        words = "Frama-C is missing, nothing was proved: apt install frama-c-base"
         if not options.if_there:
             sys.exit(words)
         sys.stdout.write(f"{words}\n")
         return
     state = _state()
     if not (options.force or options.entry) and _known() == state:
-        sys.stdout.write("proved before, and nothing has changed\n")
+        sys.stdout.write("unchanged since the last proof\n")
         return
     outcomes = list(_run(options.entry))
     for each in outcomes:
@@ -227,13 +227,13 @@ def _alarms(text: str, code: int) -> Iterator[str]:
 
 
 def _reached(text: str) -> str:
-    """Statements of all functions that the analysis came to, of so many."""
+    """How many statements of all functions the analysis reached, and their number."""
     found = _REACHED.search(text)
     return f"{found[1]}/{found[2]}" if found else "?"
 
 
 def _state() -> str:
-    """Of all that the proofs depend on; headers too, and how they are run."""
+    """The digest of everything that the proofs depend on, with headers and options."""
     kinds = ("*.c", "*.h")
     paths = {
         Path(__file__),

@@ -163,15 +163,15 @@ class Release:
             debian.output(*apt, "source", "--download-only", *SOURCES, cwd=folder)
         except (OSError, KeyError, debian.NotInstalled) as error:
             raise ReleaseError(
-                f"the sources of the emulators are not to be had: {error}; "
-                "--without-sources leaves them out"
+                f"the sources of the emulators are not available: {error}; leave them "
+                "out with --without-sources"
             ) from error
 
     def build_imud(self) -> None:
         self.run("imu-probe, source", *_build("--sdist"), self.dist)
         (sdist,) = self.dist.glob("imu_probe-*.tar.gz")
         raw = self.place / "raw"
-        # Of the source distribution: what is built from it is what is built here.
+        # From the source distribution, so that a build from it is the same.
         with tarfile.open(sdist) as archive:
             archive.extractall(self.place / "unpacked", filter="data")
         (unpacked,) = (self.place / "unpacked").iterdir()
@@ -230,7 +230,7 @@ class Release:
         (self.dist / SUMS).write_text("".join(sums))
 
     def _write_requirements(self) -> Path:
-        """What imud needs of others, in the versions that it was tested with."""
+        """Packages of others that imud needs, in the tested versions."""
         project = tomllib.loads((self.source / "pyproject.toml").read_text())
         packages = locked.read((self.source / locked.LOCK.name).read_text())
         lines = locked.lines_for(project["project"]["dependencies"], packages)
@@ -296,7 +296,7 @@ def main() -> int:
     parser.add_argument(
         "--twice",
         action="store_true",
-        help="build it once more in another folder, and compare",
+        help="build it again in another folder, and compare",
     )
     args = parser.parse_args()
     try:

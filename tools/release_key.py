@@ -26,7 +26,7 @@ def main() -> int:
         epilog="example: python tools/release_key.py new key.pem",
     )
     actions = parser.add_subparsers(dest="action", required=True)
-    new = actions.add_parser("new", help="make a key, and print its public half")
+    new = actions.add_parser("new", help="create a key, and print its public part")
     new.add_argument("key", type=Path)
     sign = actions.add_parser("sign", help="write FILE.sig")
     sign.add_argument("key", type=Path)
@@ -42,7 +42,7 @@ def main() -> int:
 def _asked(text: str) -> bytes:
     passphrase = getpass.getpass(text).encode()
     if not passphrase:
-        raise SystemExit("a key without a passphrase is anybody's; give one")
+        raise SystemExit("a key without a passphrase is not secret; enter one")
     return passphrase
 
 
@@ -66,7 +66,7 @@ def sign_file(path: Path, file: Path, passphrase: bytes) -> Path:
     try:
         key = load_pem_private_key(path.read_bytes(), passphrase)
     except ValueError as error:
-        raise SystemExit(f"{path}: wrong passphrase, or no key") from error
+        raise SystemExit(f"{path}: wrong passphrase, or not a key") from error
     if not isinstance(key, Ed25519PrivateKey):
         raise SystemExit(f"{path} is not an Ed25519 key")
     signature = file.with_name(f"{file.name}.sig")

@@ -53,10 +53,11 @@ def main() -> None:
 
 
 def differences(page: str) -> list[str]:
-    """What is out of date, one line each: rows by hand, numbers by COMMAND."""
+    """Rows and numbers that are out of date, one line each: rows by hand, numbers by
+    COMMAND."""
     found = list(rooms(page))
     wrong = [
-        f"{name(room.folder)} is no folder; mend its row in docs/architecture.md"
+        f"{name(room.folder)} is not a folder; correct its row in docs/architecture.md"
         for room in found
         if not room.folder.is_dir()
     ]

@@ -68,7 +68,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument(
         "command",
         choices=(*GROUPS, PACKAGE),
-        help=f"the command of make to get ready for, or {PACKAGE} to build imud alone",
+        help=f"the make command to prepare for, or {PACKAGE} to build only imud",
     )
     parser.add_argument(
         "--board", default="both", choices=(*BOARD_NEEDS, "both"), help="which to build"
@@ -191,7 +191,7 @@ def install_system_packages(needs: Sequence[Need]) -> None:
     update = shlex.join([*root, "apt-get", "update"])
     step("system packages", "sh", "-c", f"{line} || {{ {update} && {line}; }}")
     if left := missing(needs):
-        sys.exit(f"{', '.join(left)}: installed, and still not found; see {LOG}")
+        sys.exit(f"{', '.join(left)}: installed, but still not found; see {LOG}")
 
 
 def install_all_packages(needs: Sequence[Need], command: str) -> None:
@@ -211,7 +211,7 @@ def install_where_possible(need: Need, without: str) -> None:
         install_system_packages((need,))
     except SystemExit:
         sys.stdout.write(
-            f"{need.package} is not there and could not be installed: {without}\n"
+            f"{need.package} is missing and could not be installed: {without}\n"
         )
 
 
@@ -343,7 +343,7 @@ def step(name: str, *command: str) -> None:
     DISPLAY.end(name, time.monotonic() - start)
     if done.returncode:
         tail = "\n".join(text.splitlines()[-25:])
-        sys.exit(f"\n{tail}\n\n{name} failed; all of it is in {LOG}")
+        sys.exit(f"\n{tail}\n\n{name} failed; the whole output is in {LOG}")
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ def main() -> int:
         make(Path(temporary))
         wanted = (Path(temporary) / SUMS).read_text()
     if (VENDOR / SUMS).read_text() != wanted:
-        sys.stdout.write("vendor/ is not of these versions: tools/vendor.py makes it\n")
+        sys.stdout.write("vendor/ has other versions: update it with tools/vendor.py\n")
         return 1
     wrong = [
         name

@@ -112,7 +112,8 @@ def build(source: Path, room: Path) -> Path:
 
 
 def check(module: Path) -> None:
-    """That it asks for nothing that Windows and Python lack, and starts as a module."""
+    """Checks that it imports only DLLs of Windows and Python, and starts as a
+    module."""
     told = _run(f"{CROSS}objdump", "-p", module)
     needed = {name.lower() for name in re.findall(r"DLL Name: (\S+)", told)}
     other = {each for each in needed - SYSTEMS if not each.startswith(CRT)}
@@ -129,7 +130,7 @@ def _run(*words: object) -> str:
         )
     except FileNotFoundError as error:
         raise WindowsError(
-            f"{words[0]} is not there: apt install gcc-mingw-w64-x86-64-win32"
+            f"{words[0]} is missing: apt install gcc-mingw-w64-x86-64-win32"
         ) from error
     if done.returncode != 0:
         raise WindowsError(f"{words[0]}: {done.stderr.strip()}")
@@ -139,8 +140,8 @@ def _run(*words: object) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("linux", metavar="WHEEL", type=Path, help="the one for Linux")
-    parser.add_argument("source", type=Path, help="folder that it was built of")
-    parser.add_argument("folder", type=Path, help="where the new one goes")
+    parser.add_argument("source", type=Path, help="source folder of its build")
+    parser.add_argument("folder", type=Path, help="folder for the new one")
     args = parser.parse_args()
     try:
         make(args.linux, args.source, args.folder)

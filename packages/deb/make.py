@@ -81,7 +81,7 @@ def lay_out(root: Path, man: Path) -> None:
     run(HOME / "bin" / "imud", "install-service", "--prefix", root, "--user", USER)
     units = root / "usr" / "lib"
     units.mkdir(parents=True)
-    # Of a package: what is in /etc is the administrator's.
+    # In a package, files in /etc belong to the administrator.
     (root / "etc" / "systemd").rename(units / "systemd")
     (root / "etc" / "udev").rename(units / "udev")
     (root / LINKED.parent).mkdir(parents=True, exist_ok=True)

@@ -52,7 +52,7 @@ def test_what_is_committed_runs_and_each_command_is_told(project: Path) -> None:
     (project / "Makefile").write_text(MAKEFILE.replace("committed", "changed"))
     done = fresh(project, "--here", "make good", "make bad", "make good")
     assert done.returncode == 1
-    assert "changes that are not committed are not in the clone" in done.stdout
+    assert "uncommitted changes are not in the clone" in done.stdout
     assert done.stdout.count("committed: \n") == 2  # and nothing of this environment
     assert "changed" not in done.stdout
     table = done.stdout.split("\n\n")[-1].splitlines()

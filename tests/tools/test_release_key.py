@@ -36,5 +36,5 @@ def test_a_key_is_kept_from_others_and_never_replaced(tmp_path: Path) -> None:
     assert b"ENCRYPTED" in key.read_bytes()
     with pytest.raises(SystemExit, match="a key is never replaced"):
         release_key.make(key, b"another")
-    with pytest.raises(SystemExit, match="wrong passphrase, or no key"):
+    with pytest.raises(SystemExit, match="wrong passphrase, or not a key"):
         release_key.sign_file(key, key, b"another")

@@ -42,7 +42,7 @@ def test_a_number_that_is_far_off_is_told_with_the_command_and_mended() -> None:
 def test_a_folder_without_a_row_and_a_row_without_a_folder_are_told() -> None:
     page = changed(r"^\| `core/math` ", "| `core/maths` ")
     assert rooms.differences(page) == [
-        "firmware/core/maths is no folder; mend its row in docs/architecture.md",
+        "firmware/core/maths is not a folder; correct its row in docs/architecture.md",
         "firmware/core/math has no row in docs/architecture.md",
     ]
 

@@ -1,4 +1,4 @@
 # SPDX-License-Identifier: MIT
-"""Images for imu-probes; manifest.json says what each of them is."""
+"""Images for imu-probes; manifest.json describes each of them."""
 
 __version__ = "0"  # tools/release.py writes the version
