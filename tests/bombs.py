@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files that are made to fill the memory, or to take for ever, of whoever reads them.
+"""Files crafted to fill a reader's memory, or to keep it busy for ever.
 The first of each kind is small and harmless, to compare with.
 """
 
@@ -130,7 +130,7 @@ def texts(folder: Path) -> Iterator[Path]:
 
 
 def _zeros(size: int, *, sized: bool = True) -> bytes:
-    """A zstd frame of so many zeros: 32 kB for each GB."""
+    """A zstd frame of `size` zeros: 32 kB for each GB."""
     out = io.BytesIO()
     compressor = zstandard.ZstdCompressor(level=1)
     with compressor.stream_writer(
@@ -182,7 +182,7 @@ def _file(data: bytes) -> bytes:
 
 
 def _summary(count: int) -> bytes:
-    """Its summary has so many channels, which are no part of its content."""
+    """Its summary has `count` channels, which are not in its content."""
     head = MAGIC + struct.pack("<BQII", 1, 8, 0, 0) + struct.pack("<BQI", 15, 4, 0)
     channels = b"".join(_channel(n % 65536, f"imud/{n}/frame") for n in range(count))
     footer = struct.pack("<BQQQI", 2, 20, len(head), 0, 0)

@@ -35,7 +35,7 @@ def prepared(path: Path, size: int = SMALL) -> Path:
 
 @dataclass
 class Volume:
-    """What a computer sees on a card: after Microsoft's FAT specification."""
+    """A card as a computer reads it: after Microsoft's FAT specification."""
 
     path: Path
     start: int = 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a board says that is checked: good, but for what a test changes."""
+"""The messages of a checked board: good, except for a test's changes."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def evidence(
     events: tuple[tuple[str, str, int], ...] = (),
     self_test: dict[str, Any] | None = None,
 ) -> Evidence:
-    """What was received of a board: of a good one, but for these fields."""
+    """The evidence of a board: a good one, except for these fields."""
     found = Evidence()
     found.add_message(HELLO | (hello or {}))
     found.add_message(STATUS)

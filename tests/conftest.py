@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What tests share: where things are, and how processes begin."""
+"""Shared by tests: paths, and the start of processes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def complaints() -> list[Path]:
-    """What sanitizers wrote, as `make test` has them do."""
+    """The reports of sanitizers, as `make test` configures them."""
     return sorted((ROOT / "build").glob("sanitizer.*"))
 
 

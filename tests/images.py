@@ -66,7 +66,8 @@ def compiled(flags: Sequence[str | Path], source: str | Path) -> Path:
 def _made(
     suffix: str, command: list[str], content: bytes, ignored: str = r"(?!)"
 ) -> Path:
-    """What a command makes of this content; its words of that kind do not matter."""
+    """The output of a command for this content; its words of that kind do not
+    matter."""
     kept = [word for word in command if not re.match(ignored, word)]
     digest = hashlib.sha256(" ".join(kept).encode() + b"\0" + content)
     made = CACHE / f"{digest.hexdigest()[:16]}{suffix}"

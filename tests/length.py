@@ -4,7 +4,7 @@
 A test that chooses itself has the mark `long`, by which `make test-long` selects it.
 The mark `sampled(n)` has `make test` run every nth case of each parametrized test of a
 file, and `make test-long` all of them. A test with the mark `nightly` is for
-`make test-long` alone. pytest by itself runs all of them, too, and as many examples of
+`make test-long` alone. plain pytest also runs all of them, and as many examples of
 hypothesis as `make test-long`, of which `make test` tries a third.
 """
 
@@ -35,7 +35,7 @@ def examples(count: int) -> int:
 
 
 def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
-    """What the marks `sampled` and `nightly` leave out of `make test`."""
+    """Tests that the marks `sampled` and `nightly` leave out of `make test`."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("sampled") is not None:

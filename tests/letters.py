@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What both boards' board_test.c print when they are sent letters."""
+"""The output of both boards' board_test.c when they are sent letters."""
 
 from __future__ import annotations
 

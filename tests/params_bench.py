@@ -135,7 +135,7 @@ class Wire:
     def command(
         self, records: bytes, **parameters: str
     ) -> Coroutine[Any, Any, dict[str, Any]]:
-        """What a query for cmd/params does."""
+        """The effect of a query for cmd/params."""
         asked = {"records": records.hex()} | parameters
         return self.change.command(self.probe.name, asked)
 

@@ -22,7 +22,7 @@ from imud.ports.finder import Finder
 
 @dataclass
 class Device:
-    """What pyserial lists of a port."""
+    """The attributes of a port that pyserial lists."""
 
     device: str
     hwid: str = "USB VID:PID=1A86:7523 LOCATION=1-1.2"

@@ -86,7 +86,7 @@ class Stream:
         self.chain = chain
         self._samples = found
         self._asks = asks
-        self._begin_us = chain.probe.time_us  # its time goes on
+        self._begin_us = chain.probe.time_us  # its time continues
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self.sent = 0

@@ -9,7 +9,7 @@ from imud.probes.session import Probe, Received, Session
 
 
 def received(contents: Iterable[bytes]) -> list[Received]:
-    """What a session passes on."""
+    """The events that a session emits."""
     probes: dict[str, Probe] = {}
     session = Session(lambda name: probes.setdefault(name, Probe(name)))
     return [

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Hosts of several sites: network namespaces, joined by one that routes between them.
 
-Each host has one address. What the namespace in the middle does not pass on is lost
-without a word, as on a broken line.
+Each host has one address. Packets that the namespace in the middle does not forward are
+lost silently, as on a broken line.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class Lab:
         return (*way, "blackhole", "priority", "100")
 
     def inside(self, host: str) -> tuple[str, ...]:
-        """What stands before a command that runs on a host."""
+        """The prefix of a command that runs on a host."""
         return ("ip", "netns", "exec", self.of(host))
 
     def node(self, host: str, *arguments: object) -> Node:

@@ -90,7 +90,7 @@ def until(is_so: Callable[[], object]) -> float:
 
 
 def zenoh_of(client: Client) -> dict[str, int]:
-    """What became of all records on their way to the network."""
+    """The outcome of all records on their way to the network."""
     (status,) = client.statuses()
     counts: dict[str, int] = status["ledger"]["sinks"]["zenoh"]
     return counts

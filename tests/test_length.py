@@ -13,7 +13,7 @@ from length import left_out
 
 @dataclass(frozen=True)
 class Case:
-    """What left_out() asks of a test."""
+    """The part of a test that left_out() needs."""
 
     nodeid: str
     step: int | None = None

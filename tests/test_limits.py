@@ -68,7 +68,7 @@ def too_long(path: Path) -> dict[str, int]:
 
 
 def exceptions() -> dict[str, int]:
-    """What may be longer, and how long, from the page's table."""
+    """The exceptions to the limits, from the page's table."""
     _, _, section = PAGE.read_text("utf-8").partition(HEADING)
     rows = re.findall(
         r"^\| *`?([^|`]+?)`? *\| *([\d,]+) *\| *(.*?) *\|$",

@@ -68,8 +68,8 @@ class Life(Bench):
         return self
 
     def load(self, records: bytes, *, goes_on: bool = False) -> Life:
-        """Puts these params in force by commands, while samples go on, and the filter
-        does too, if it is told so.
+        """Puts these params in force by commands, while samples continue; so does the
+        filter, if it is told so.
         """
         for at, word in words_of(records):
             self._insist(lib.COMMAND_PARAMS_WRITE, at, word)
@@ -97,7 +97,7 @@ def followed(memory: Memory | None = None, *, raw_hz: int = 200) -> Life:
 
 
 def run_twin(contents: Iterable[bytes]) -> tuple[Twin, list[TwinOutcome]]:
-    """What a twin makes of what a session passes on to it."""
+    """A twin's outcomes for the events of a session."""
     twin = Twin()
     outcomes = [
         outcome

@@ -38,7 +38,7 @@ def exact(wobble: Wobble, seconds: float, seed: int = 1) -> Motion:
 
 @cache
 def wobbled(wobble: Wobble, seconds: float, seed: int = 1) -> tuple[Sample, ...]:
-    """What a module without errors, but with noise, measures of it."""
+    """The samples of a module without errors, but with noise."""
     felt = calibrated().measures(
         exact(wobble, seconds, seed), np.random.default_rng([seed, 2])
     )

@@ -88,7 +88,7 @@ class UdpProbe:
         return datagram
 
     def receive(self) -> bytes:
-        """What the daemon sends next that is not empty."""
+        """The daemon's next datagram that is not empty."""
         self.socket.settimeout(PATIENCE_S)
         while True:
             _, payload = self.signed.opened(self.socket.recv(2000))

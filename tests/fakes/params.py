@@ -30,7 +30,7 @@ class FakeParams:
     def __init__(self) -> None:
         self.records = b""
         self.busy = 0  # so often it is busy after each step
-        self.forgets = 0  # so many words it takes and does not keep
+        self.forgets = 0  # number of words that it accepts but does not store
         self.is_worn = False  # its memory keeps nothing
         self.refusal: tuple[int, int] | None = None
         self.tells: list[dict[str, object]] = []  # parts that are to be told

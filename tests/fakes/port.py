@@ -103,7 +103,7 @@ class Port:
                 os.close(descriptor)
 
     def serve(self, probe: FakeProbe, commands: int) -> None:
-        """Let the probe answer until it has got so many more commands."""
+        """Let the probe answer until it has received this many more commands."""
         until = len(probe.commands) + commands
         while len(probe.commands) < until:
             self.write(probe.hear(self.read()))

@@ -35,7 +35,7 @@ RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "broad"
 # How long random params are in force.
 PARAMS_US = 1_000_000
 
-# While it moves: an origin, a heading alone, a filter that begins anew.
+# While it moves: an origin, a heading alone, a restarted filter.
 CHANGES = (
     ("tare", 0, 3_500_000),
     ("tare", 1, 4_000_000),
@@ -94,7 +94,7 @@ def test_a_log_of_poses_has_one_hash_on_every_processor(
 
 def under_params(contents: Sequence[bytes], seed: int) -> list[bytes]:
     """The log of a probe with random params, which change every second: the filter then
-    begins anew with them.
+    restarts with them.
     """
     changed: list[bytes] = []
     is_begun = False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a power cut leaves of the log on the card."""
+"""The log on the card after a power cut."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, str], str]] = {
     "a reset": (
         {"kind": "reset", "at_us": 6_000_000},
         {"start": "look at this"},
-        "pressed reset",
+        "reset was pressed",
     ),
     "nano: a clone": (
         {"kind": "wrong_who_am_i", "value": 0x75},
@@ -107,7 +107,7 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, str], str]] = {
         {"kind": "mag_hung", "at_us": 6_000_000, "clocks": 3},
         {"magnetometer": "fault", "sensor bus": "look at this"}
         | {"missed samples": "look at this"},
-        "the magnetometer holds its bus",
+        "the magnetometer blocks its bus",
     ),
     "a sensor without power for a moment": (
         {"kind": "sensor_brown_out", "at_us": 6_000_000},

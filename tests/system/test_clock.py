@@ -69,7 +69,7 @@ def figures(error_us: Array, bound_us: Array, later: Flags) -> str:
 
 @dataclass
 class Run:
-    """What a daemon made of a probe for some seconds, and what the emulator knows."""
+    """A daemon's records of a probe for some seconds, and the emulator's truth."""
 
     poses: list[dict[str, Any]]
     status: dict[str, Any]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the STM32F405 alone has: a crystal that can die, three bursts a sample, flash
+"""Features of the STM32F405 alone: a crystal that can die, three bursts a sample, flash
 that is erased by the sector."""
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ ONE = pytest.mark.parametrize(
     "bootloader", choose(everyday=[OPTIBOOT_4], long=[OPTIBOOT_4, ATMEGABOOT])
 )
 PARAMS = file.parse('[options]\nbutton_does = "tell"\nreference = "full"\n').params
-KEPT = f"in force, as before: params {PARAMS.digest:08x}"
+KEPT = f"active, as before: params {PARAMS.digest:08x}"
 
 VERSION = version().encode()
 
@@ -218,7 +218,7 @@ def test_params_that_are_gone_are_loaded_again(
     with board(stub, bootloader) as probe, served(probe, stub.folder) as desk:
         desk.give_params()
         said = flash.ends_well(*desk.words, "--image", offered(stub), "--force")
-        assert "in force: no params; those from before are loaded" in said
+        assert "active: no params; loading the previous ones" in said
         assert KEPT in said
         assert desk.client.params(desk.name)["digest"] == f"{PARAMS.digest:08x}"
 
@@ -252,7 +252,7 @@ def test_killed_in_the_midst_it_says_how_to_go_on_and_then_does(
         os.close(master)
 
         line = flash.is_refused(probe.port, "--image", image)
-        assert f"say what it is: imud flash {probe.port} --board nano" in line
+        assert f"pass its type: imud flash {probe.port} --board nano" in line
         said = flash.ends_well(probe.port, "--image", image, "--board", "nano")
         assert "no firmware of ours answers" in said
         assert " runs " in said
@@ -270,7 +270,7 @@ def test_what_is_no_step_ahead_or_another_boards_is_refused(
             return flash.is_refused(*words, "--image", offered(stub, **changes))
 
         assert "older than the board's" in with_manifest(version="0.0.9+1234567")
-        assert "speaks schema 00000000" in with_manifest(schema="00000000")
+        assert "has schema 00000000" in with_manifest(schema="00000000")
         assert "its SHA-256 differs" in with_manifest(sha256="0" * 64)
         assert "fits an Arduino Nano, not f405" in with_manifest(board="f405")
 
@@ -281,7 +281,7 @@ def test_what_is_no_step_ahead_or_another_boards_is_refused(
         line = flash.is_refused(*words, "--board", "f405")
         assert f"{name} is an Arduino Nano, not f405" in line
         line = flash.is_refused("nosuch", *words[1:])
-        assert f"no probe nosuch is there; name one: {name}" in line
+        assert f"no probe nosuch; choose one: {name}" in line
         # Nothing of all that touched the board.
         assert desk.client.statuses(name)[0]["hello"]["firmware"] == has
 
@@ -307,8 +307,8 @@ def test_old_firmware_is_replaced(
     with board(stub, bootloader, old) as probe:
         said = flash.ends_well(probe.port, "--image", offered(stub))
         assert "firmware 0.1.0 -> " in said
-        assert "can't be read by this imud: flashing leaves them alone" in said
-        assert "in force: no params" in said
+        assert "this imud can't read its params: flashing does not change them" in said
+        assert "active: no params" in said
 
 
 def _built(commit: str, folder: Path) -> Path:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What befalls a program in MicroPython: its memory, its exceptions, its restarts."""
+"""Faults of a program in MicroPython: its memory, its exceptions, its restarts."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_a_program_that_ends_is_told_and_starts_again_by_itself(
     assert text.count(error) >= 2
     assert boots(done) == [1, 2, 3]
     assert done.summary["resets"] == 0
-    # Whoever listens misses no message of a start, the hello first of all.
+    # A listener receives every message of a start, the hello first.
     firsts = [m for m in done.messages if m.sequence == 0]
     assert [m.name for m in firsts] == ["hello"] * 3
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """A change of params by the images as flashed is one transaction: whatever happens on
-the way, the old params hold or all new ones do, and the stream goes on.
+the way, the old params hold or all new ones do, and the stream continues.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def seconds_of(records: bytes) -> float:
 
 
 def part_of(count: int, part: int) -> list[int]:
-    """What one test takes of so many cases, in a seeded order."""
+    """One test's part of `count` cases, in a seeded order."""
     cases = np.random.default_rng(13).permutation(count)[:CASES]
     return [int(case) for case in cases[part::PARTS]]
 

@@ -65,7 +65,7 @@ def test_a_host_gets_a_hello_first_and_nothing_of_the_modules_own(
         assert done.account["lost"] == 0
         assert corrupt(done) == 0
         assert done.named("equipment")[-1].fields["radio"] == "connected"
-    # Set right once, for good.
+    # Configured once, permanently.
     assert (first.summary["radio_writes"], second.summary["radio_writes"]) == (3, 0)
     (probe_id,) = {m.fields["probe_id"] for m in second.named("hello")}
     assert isinstance(probe_id, bytes)

@@ -39,14 +39,14 @@ def test_it_follows_a_live_probe_through_a_tare_and_its_button(stub: Stub) -> No
     options = [word for press in presses for word in ("--press", press)]
     probe = LiveProbe(stub, "--motion", hand, *options)
     with DaemonProcess(probe.port, "--twin", directory=stub.folder) as daemon:
-        daemon.expect("its twin follows from")
+        daemon.expect("its twin compares from")
         with Client(daemon.endpoint) as client:
             name = client.wait_for(seconds=PATIENCE_S)
             for compared, what in ((100, "all"), (250, "heading")):
                 twin_when(client, "compared", compared)
                 assert client.command(name, "tare", what=what)["ok"]
             daemon.expect("stream stopped")
-            daemon.expect("its twin follows from")
+            daemon.expect("its twin compares from")
             twin = twin_when(client, "compared", 1000)
             (status,) = client.statuses()
         summary = probe.end()
@@ -106,7 +106,7 @@ def test_a_pose_that_was_changed_on_its_way_is_told_by_its_number(stub: Stub) ->
         for at in range(0, len(data), 2048):
             port.write(data[at : at + 2048])
         number = done.messages[struck].sequence
-        daemon.expect(f"pose #{number} is not what its samples give: q differ$")
+        daemon.expect(f"pose #{number} differs from the twin's: q$")
         with Client(daemon.endpoint) as client:
             twin = twin_when(client, "compared", len(poses))
         daemon.stop()

@@ -27,7 +27,7 @@ from length import choose
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """What is one board's own, for tests that are all boards'."""
+    """The properties of one board, for tests of all boards."""
 
     name: str
     rate_hz: int  # samples
@@ -146,7 +146,7 @@ class Stub:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run left behind."""
+    """The results of a run."""
 
     record: Path
     summary: dict[str, Any]
