@@ -25,11 +25,11 @@ enum {
     REBOOT_US = 500 * MS,   // before it shows itself again
     PAUSE_US = 1000 * MS,
     LONG_PAUSE_US = 30000 * MS,
-    TRIES = 4,       // both rates twice: the first may come too early
-    INTRUDERS = 3,   // sent away
-    ATTEMPTS = 3,    // before it is a fault
-    REWRITES = 4,    // its flash wears
-    PER_STEP = 255,  // bytes taken
+    TRIES = 4,        // both rates twice: the first may come too early
+    EARLY_PEERS = 3,  // rejected
+    ATTEMPTS = 3,     // before it is a fault
+    REWRITES = 4,     // its flash wears
+    PER_STEP = 255,   // bytes taken
 };
 
 enum phase {
@@ -276,20 +276,21 @@ static enum rn41_event look(struct rn41 *rn41, uint32_t now_us) {
     return RN41_NOTHING;
 }
 
-// Somebody has connected before the settings are known, and $$$ may go to him as data.
-// A reset sends him away; the one who comes back each time is served as it is.
-static enum rn41_event meet_intruder(struct rn41 *rn41, uint32_t now_us) {
-    if (rn41->intruders == INTRUDERS) {
+// A host has connected before the settings are known, and $$$ may reach it as data. A
+// reset disconnects it; one that returns each time is served without a set-up.
+static enum rn41_event reject_early_peer(struct rn41 *rn41, uint32_t now_us) {
+    if (rn41->early_peers == EARLY_PEERS) {
         return connect(rn41, now_us);
     }
-    rn41->intruders++;
+    rn41->early_peers++;
     restart(rn41, now_us);
     return RN41_NOTHING;
 }
 
-// At the other rate each time; after each intruder, too, as there may be one try.
+// At the other rate each time, also after each early peer, as there may be only one
+// try.
 static void try_entry(struct rn41 *rn41, uint32_t now_us) {
-    const bool is_ours = (rn41->tries + rn41->intruders) % 2 == 0;
+    const bool is_ours = (rn41->tries + rn41->early_peers) % 2 == 0;
     rn41->port->set_baud(is_ours ? RN41_BAUD : RN41_FACTORY_BAUD);
     rn41->length = 0;
     ask(rn41, PHASE_ENTER, "$$$", now_us);
@@ -297,7 +298,7 @@ static void try_entry(struct rn41 *rn41, uint32_t now_us) {
 
 static enum rn41_event be_silent(struct rn41 *rn41, uint32_t now_us) {
     if (is_steadily(rn41, true, now_us)) {
-        return meet_intruder(rn41, now_us);
+        return reject_early_peer(rn41, now_us);
     }
     if (!rn41->is_linked &&
         has_passed(rn41, rn41->is_fresh ? SETTLE_US : SILENCE_US, now_us)) {
@@ -317,7 +318,7 @@ static enum rn41_event enter_command_mode(struct rn41 *rn41, uint32_t now_us) {
         return RN41_NOTHING;
     }
     if (is_steadily(rn41, true, now_us)) {
-        return meet_intruder(rn41, now_us);
+        return reject_early_peer(rn41, now_us);
     }
     rn41->tries++;
     if (rn41->tries == TRIES) {
@@ -397,7 +398,7 @@ static enum rn41_event leave(struct rn41 *rn41, uint32_t now_us) {
         rn41->state = RN41_WAITING;
         rn41->is_verified = true;
         rn41->attempts = 0;
-        rn41->intruders = 0;
+        rn41->early_peers = 0;
         rn41->fault = RN41_NO_FAULT;
         enter(rn41, PHASE_SERVE, now_us);
         return RN41_NOTHING;

@@ -57,17 +57,17 @@ struct rn41 {
     enum rn41_fault fault;  // of the last attempt that failed
     uint16_t resets;        // to recover the module, without the one at start
     uint8_t phase;
-    uint8_t tries;      // to enter command mode, within the attempt
-    uint8_t attempts;   // failed ones in a row
-    uint8_t intruders;  // hosts that connected before it was configured
-    uint8_t rewrites;   // how often settings may still be written
-    uint8_t known;      // settings that were read
-    uint8_t wrong;      // those that differ
-    uint8_t answer;     // to the command in progress
-    bool is_corrected;  // in this attempt
-    bool is_verified;   // its settings are right
-    bool is_fresh;      // nothing has been sent since it started
-    bool is_linked;     // as last seen, since linked_us
+    uint8_t tries;        // to enter command mode, within the attempt
+    uint8_t attempts;     // failed ones in a row
+    uint8_t early_peers;  // hosts that connected before it was configured
+    uint8_t rewrites;     // how often settings may still be written
+    uint8_t known;        // settings that were read
+    uint8_t wrong;        // those that differ
+    uint8_t answer;       // to the command in progress
+    bool is_corrected;    // in this attempt
+    bool is_verified;     // its settings are right
+    bool is_fresh;        // nothing has been sent since it started
+    bool is_linked;       // as last seen, since linked_us
     uint32_t linked_us;
     uint32_t since_us;  // start of the phase
     uint32_t heard_us;  // last byte received
