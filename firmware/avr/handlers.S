@@ -242,8 +242,8 @@ TWI_vect:
     cpi     r24, TW_MR_SLA_NACK
     breq    .Lrefused
 
-; Lost arbitration, or a START or STOP that is not ours: with one master somebody else
-; pulls at the wires.
+; Lost arbitration, or a START or STOP that is not ours: with one master something else
+; drives the wires.
 .Lstuck:
     ldi     r25, FAILURE_STUCK
     ldi     r24, 0
