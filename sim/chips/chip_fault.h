@@ -26,7 +26,8 @@ enum chip_fault_kind {
 
 // In force for a span of time, or, where transactions is not 0, for that many
 // transactions of the host from number `first` on. The first one after power-up is
-// number 1; everything from START to STOP is one transaction, whoever is addressed.
+// number 1; everything from START to STOP is one transaction, whichever chip is
+// addressed.
 struct chip_fault {
     enum chip_fault_kind kind;
     // LSM9DS0: NACK, NO_DATA_READY, WRONG_WHO_AM_I, FROZEN and REGISTER_FLIP are of

@@ -38,7 +38,7 @@ struct i2c_slave_fault {
     struct chip_fault fault;
     unsigned clocks;        // STUCK_SDA: SCL pulses seen while it holds the line
     uint64_t held_from_ns;  // STUCK_SDA: UINT64_MAX where it has not held it yet
-    bool is_over;  // STUCK_SDA: has let go, for good; what happens once: has happened
+    bool is_over;  // STUCK_SDA: has let go permanently; what happens once: has happened
 };
 
 // Private to i2c_slave.c, but for what the comments give to the model.

@@ -115,7 +115,8 @@ uint8_t sdcard_chip_exchange(struct sdcard_chip *chip, uint64_t now_ns,
 // The host is reset, amid whatever: no complaint of that.
 void sdcard_chip_host_reset(struct sdcard_chip *chip, uint64_t now_ns);
 
-// Power goes and is back at once; goes for good; or stays until all is programmed.
+// Power fails and is back at once; fails permanently; or stays until everything is
+// programmed.
 void sdcard_chip_power_cycle(struct sdcard_chip *chip, uint64_t now_ns);
 void sdcard_chip_cut(struct sdcard_chip *chip, uint64_t now_ns);
 void sdcard_chip_finish(struct sdcard_chip *chip, uint64_t now_ns);

@@ -43,9 +43,9 @@ void mpu9250_chip_finish_aux(struct mpu9250_chip *chip) {
     mpu9250_chip_show(chip);
 }
 
-// A master that vanishes while the AK8963 sends leaves it in the midst of a byte: where
-// the bit on the wire is a 0, it holds the line until it has been clocked to a 1 or to
-// its acknowledge (RM 106, the note on I2C_MST_RST).
+// A master that vanishes while the AK8963 sends leaves it in the middle of a byte:
+// where the bit on the wire is a 0, it holds the line until it has been clocked to a 1
+// or to its acknowledge (RM 106, the note on I2C_MST_RST).
 void mpu9250_chip_cut_aux(struct mpu9250_chip *chip) {
     enum { BYTE_BITS = 9 };  // with the acknowledge
     const struct aux *aux = &chip->aux;

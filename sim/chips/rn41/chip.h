@@ -96,7 +96,7 @@ struct rn41_chip {
 void rn41_chip_complain(struct rn41_chip *chip, const char *what);
 // Whether a fault of that kind is in force.
 bool rn41_chip_suffers(const struct rn41_chip *chip, enum rn41_chip_fault_kind kind);
-// Starts anew, boot_ns from now; what is in its memory is gone.
+// Restarts, boot_ns from now; its memory is lost.
 void rn41_chip_restart(struct rn41_chip *chip);
 
 // uart.c

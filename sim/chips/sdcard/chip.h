@@ -67,7 +67,7 @@ struct sdcard_chip {
     bool has_power, is_cut;
     uint64_t power_ns;
     unsigned clocks;     // with CS and MOSI high, since a millisecond after power
-    bool is_unexpected;  // is back: the host can't know, until it begins anew
+    bool is_unexpected;  // is back: the host can't know, until it restarts
     bool is_deaf;        // is dead, or has been: until it is deselected
 
     enum { MODE_SD, MODE_IDLE, MODE_READY } mode;
