@@ -104,7 +104,7 @@ def samples(rough: Rough, seed: int, seconds: float = SECONDS) -> list[Sample]:
     rate = rough.turn_rad_s * swings(random, t, (0.05, 0.7), 5) * moves
     attitude = integrated(rate, 1.0 / hz)[:-1]
     shift = rough.shift_m_s2 * swings(random, t, (0.3, 3.0), 5) * moves
-    # A room's field changes with the place, and hands go to and fro slowly.
+    # A room's field changes with the place, and hands move back and forth slowly.
     place = 0.5 * swings(random, t, (0.02, 0.2), 3) * moves
     gradient = random.standard_normal((3, 3))
     gradient = gradient + gradient.T

@@ -24,7 +24,7 @@ class CalibrationResult:
     """New params, and what was found on the way."""
 
     params: Params
-    sensors: tuple[str, ...]  # those that are calibrated anew
+    sensors: tuple[str, ...]  # the recalibrated ones
     poses: int = 0
     seconds: float = 0.0
     temperature_c: float | None = None

@@ -119,7 +119,7 @@ class CalibrationSession:
             self.phase = "done"
 
     def end(self) -> None:
-        """The user has had enough: what there is, is judged."""
+        """The user ends it early: evaluates the samples so far."""
         if self.is_over:
             return
         guide = self._guide

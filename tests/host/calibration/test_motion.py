@@ -237,7 +237,7 @@ def test_a_magnet_put_on_spoils_only_what_was_before(since_s: float) -> None:
     learner = Learner(SCALE)
     proposal = worked(learner, found, b"").proposal
     assert proposal is not None
-    # The filter begins anew, with the bias that it would have to find, and once only.
+    # The filter restarts, with the bias that it would have to find, and once only.
     records = proposal.params.encode()
     assert not filter_can_continue(b"", records)
     assert proposal.params.gyr is not None

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Calibration step by step: what to do with the probe, and what came of it."""
+"""Calibration step by step: instructions for the user, and the result."""

@@ -82,7 +82,7 @@ def _swapped(recording: SensorRecording, fit: ModuleFit) -> CalibrationFault | N
                 "swapped_axes",
                 f"the gyroscope's axes do not fit the accelerometer's: x, y, z seem to "
                 f"be {axes}",
-                "this firmware does not know how the module's dies lie",
+                "this firmware does not support this orientation of the module's dies",
             )
         return CalibrationFault(
             "gyroscope",
@@ -97,7 +97,7 @@ def _swapped(recording: SensorRecording, fit: ModuleFit) -> CalibrationFault | N
             return CalibrationFault(
                 "swapped_axes",
                 "the magnetometer's axes do not fit the accelerometer's",
-                "this firmware does not know how the module's dies lie",
+                "this firmware does not support this orientation of the module's dies",
             )
     return None
 
@@ -160,7 +160,7 @@ def of_score(
     if fit is None:
         return CalibrationFault(
             "too_few",
-            f"only {stops} poses: nothing can be said",
+            f"only {stops} poses are too few",
             "lay the probe still in nine or more attitudes, for two seconds each",
         )
     if not fit.score.is_level:

@@ -119,7 +119,7 @@ class Procedure:
         return self._look(self._gatherer.recording())
 
     def end(self) -> list[Event]:
-        """The user has had enough: what there is, is judged. Who lacks poses is told
+        """The user ends it early: evaluates the samples so far. Who lacks poses is told
         which, once, and may go on.
         """
         if self.is_over:

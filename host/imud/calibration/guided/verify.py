@@ -120,7 +120,7 @@ def report(
     stops = find_stops(recording)
     is_seen = _are_apart(recording, stops)
     acc = affine_of(params.acc, scale.acc_m_s2).apply(recording.acc)
-    # Every start takes the bias anew, at rest: the first stop does so here.
+    # Every start measures the bias again, at rest: the first stop does so here.
     gyr = affine_of(params.gyr, scale.gyr_rad_s)
     mag = affine_of(params.mag, scale.mag_ut).apply(recording.mag)
     findings = [

@@ -203,7 +203,7 @@ class Waving:
         return self._gatherer.recording().temperature_c
 
     def feed(self, sample: Sample) -> Wave | CalibrationFault | None:
-        """Takes a sample; what came of it once it is over."""
+        """Takes a sample; returns the result once it is over."""
         self._gatherer.add(self.mount.sample(sample))
         if self.seconds < self._judged_s + EVERY_S:
             return None
@@ -214,7 +214,7 @@ class Waving:
         return self.end() if self.seconds >= LONGEST_S else None
 
     def end(self) -> Wave | CalibrationFault:
-        """What there is, judged."""
+        """Evaluates the samples so far."""
         self._fit()
         weak = weakness(self.wave, self._gatherer.clipped_share)
         if weak is not None or self.wave is None:

@@ -91,7 +91,7 @@ class Rows:
     slopes: FloatArray  # (k, 3, parameters)
     away: FloatArray  # (k, 3)
     least: float  # of their noise
-    alike: float
+    variance_inflation: float
 
     def left(self, step: FloatArray) -> FloatArray:
         """What a step leaves over, (k, 3)."""
@@ -102,13 +102,13 @@ class Rows:
         return max(self.least, 1.2 * float(np.median(_sizes(left))))
 
     def weighted(self, step: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Both sides over their noise, of which the last step shows how much it is."""
+        """Both sides, whitened by the noise that the last step shows."""
         noise, weights = 5.0 * self.least, np.ones(len(self.away))
         if step is not None:
             left = self.left(step)
             noise = self.noise(left)
             weights = 1.0 / (1.0 + (_sizes(left) / (FAR * noise)) ** 2)
-        weights = np.repeat(weights, 3) / (noise * math.sqrt(self.alike))
+        weights = np.repeat(weights, 3) / (noise * math.sqrt(self.variance_inflation))
         slopes = self.slopes.reshape(len(weights), -1)
         return slopes * weights[:, None], self.away.ravel() * weights
 

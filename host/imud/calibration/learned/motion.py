@@ -82,8 +82,8 @@ class Priors:
 
     @property
     def bad(self) -> Priors | None:
-        """Of a die that is far outside its data sheet, as accelerometer.py has it; None
-        if somebody has calibrated it.
+        """Errors of a die that is far outside its data sheet, as in accelerometer.py;
+        None if it is calibrated.
         """
         if self.acc_m_s2 < USUAL_M_S2:
             return None
@@ -172,7 +172,7 @@ def _rounds(
             motion.step = step = np.asarray(np.linalg.solve(information, right))
         values = motion.estimate.values
         values += motion.step[:KNOTS]
-        values[LEAN] = 0.0  # found anew each time
+        values[LEAN] = 0.0  # found again each time
         values[LAG] = np.clip(values[LAG], 0.0, LAG_MAX_S)
         yield force, readings, np.asarray(np.linalg.inv(information))
 
@@ -237,9 +237,9 @@ def _excess(rows: Rows, motion: MotionEquations) -> float:
 
 
 def _lasting(readings: Rows, motion: MotionEquations) -> float:
-    """By how much the error of the field's part grows because what is left over stays
-    alike for longer than FIELD_ALIKE says, 1 at least: in the frame, where a room is
-    uneven, or in the body, after a magnet was put on.
+    """The growth of the error of the field's part because residuals are correlated for
+    longer than FIELD_ALIKE says, 1 at least: in the frame, where a room is uneven, or
+    in the body, after a magnet was put on.
     """
     left = readings.left(motion.step)
     block = round(BLOCK_S / FIELD_S)
@@ -248,11 +248,11 @@ def _lasting(readings: Rows, motion: MotionEquations) -> float:
         return 1.0
     body = np.einsum("kji,kj->ki", motion.attitude[motion.field_means.at], left)
     whole = float((left**2).sum(axis=1).mean())
-    alike = 1.0
+    inflation = 1.0
     for rows in (left, body):
         means = rows[: count * block].reshape(count, block, 3).mean(axis=1)
-        alike = max(alike, block * float((means**2).sum(axis=1).mean()) / whole)
-    return math.sqrt(max(1.0, alike / FIELD_ALIKE))
+        inflation = max(inflation, block * float((means**2).sum(axis=1).mean()) / whole)
+    return math.sqrt(max(1.0, inflation / FIELD_ALIKE))
 
 
 def _field_deg(mag: MagFit, covariance: FloatArray) -> float:

@@ -25,7 +25,7 @@ class Extremes:
         self.reset()
 
     def reset(self) -> None:
-        """Begins anew: its button "Reset calibration"."""
+        """Restarts: its button "Reset calibration"."""
         self.low = np.full(3, math.inf)
         self.high = np.full(3, -math.inf)
         self._shares: list[float] = []

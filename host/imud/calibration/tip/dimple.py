@@ -5,7 +5,7 @@ The sensor is at `R r` from the tip, with `r` constant in the body: the force th
 feels is the second derivative of that, and gravity. Integrated over blocks of 50 ms
 this needs the rate at the ends of each block, but no derivative of it. The equations
 are linear in r, gravity, the two biases, the gyroscope's scales and the delay of the
-accelerometer, but for the attitude, which is integrated anew in each pass.
+accelerometer, but for the attitude, which is integrated again in each pass.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ class Dimpling:
       ^                         |
       +--- clipped, or a gap ---+
 
-    Held still again after a tip that slipped or a base that gave, a wobble begins anew;
+    Held still again after a tip that slipped or a base that gave, a wobble restarts;
     after TRIES it is refused.
     """
 
@@ -108,7 +108,7 @@ class Dimpling:
         return max(0.0, steps * self._gatherer.step_s - HELD_S)
 
     def feed(self, sample: Sample) -> TipFound | CalibrationFault | None:
-        """Takes a sample; what came of it once it is over."""
+        """Takes a sample; returns the result once it is over."""
         if self.is_over:
             return None
         clipped = self._gatherer.clipped
@@ -126,7 +126,7 @@ class Dimpling:
         return self._look()
 
     def end(self) -> TipFound | CalibrationFault:
-        """What there is, judged."""
+        """Evaluates the samples so far."""
         self._refit()
         return self._judged()
 
@@ -164,7 +164,8 @@ class Dimpling:
         return None
 
     def _is_spoilt(self) -> bool:
-        """Whether what there is can't become good: a rest is as good as the first."""
+        """Whether the samples so far can't become good: a rest is as good as the
+        first."""
         return self.fit is None or (
             self.trouble is not None and self.trouble.kind in ("slips", "base_gives")
         )
@@ -174,7 +175,7 @@ class Dimpling:
         self._begin = len(self._gatherer)
 
     def _follow(self) -> TipFound | CalibrationFault | None:
-        """Fits what there is, now and then."""
+        """Fits the samples so far, now and then."""
         self._fitted_s = self.seconds
         self._refit()
         if self.fit is None or self.swing is None:

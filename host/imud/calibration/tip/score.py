@@ -102,7 +102,7 @@ def _weak(found: str, swing: Swing, trust: Trust) -> CalibrationFault:
         return CalibrationFault(
             "one_direction",
             f"{found}: it was wobbled in one plane",
-            "wobble it in two directions, to and fro and sideways",
+            "wobble it in two directions, back and forth and sideways",
         )
     if swing.hz < WEAK_HZ:
         return CalibrationFault(
