@@ -63,9 +63,7 @@ class Foot:
         self._is_down = is_down
 
     def lose(self) -> None:
-        """Its probe is missing: nothing is known of the next stride, and its place
-        begins anew.
-        """
+        """Its probe is missing: the next stride is unknown, and its path restarts."""
         if self._walker is not None:
             self._rests += self._walker.rests
         self._walker, self._last_s = None, None

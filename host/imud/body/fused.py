@@ -24,7 +24,7 @@ FUSED_HZ = 200  # as the Nano
 COUNTS_MAX = 32000
 # The coarsest counts that the C takes: rad/s, m/s2, uT.
 LSB_MAX = (1.23e-3, 1.96e-2, 0.1575)
-# One-sigma errors of samples that somebody calibrated: m/s2 and uT.
+# One-sigma errors of calibrated samples: m/s2 and uT.
 ACC_SIGMA, MAG_SIGMA = 0.02, 0.3
 UNSETTLED = np.radians(10.0)  # tilt while the filter settles
 
