@@ -208,7 +208,7 @@ def _boots(evidence: Evidence) -> Row:
             "check for a short on 5 V and 3.3 V"
         )
     elif hard:
-        advice = "the firmware ended by a fault of its own: please report it, with this"
+        advice = "the firmware crashed: please report it, with this"
     else:
         advice = (
             "somebody pressed reset, or a program opened the port, which resets an "

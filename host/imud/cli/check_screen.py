@@ -34,7 +34,7 @@ class CheckScreen:
 
     @property
     def is_terminal(self) -> bool:
-        """Whether somebody can answer."""
+        """Whether a user can answer."""
         return self._live is not None and self._keyboard is not None
 
     @contextlib.contextmanager
