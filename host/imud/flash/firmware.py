@@ -188,7 +188,7 @@ def ready_made(board: str, wanted: str) -> Path:
 
 def offered() -> tuple[Firmware, ...]:
     """The images that are there: of the package with firmware, or those that this
-    checkout has built. FlashError if somebody else has changed them.
+    checkout has built. FlashError if they were modified.
     """
     if checkout.is_checkout():
         built = sorted((checkout.ROOT / ".pio" / "build").glob(f"*/{MANIFEST}"))
@@ -255,7 +255,7 @@ def is_signed(folder: Path, keys: Path | None = None) -> bool | None:
             continue
         return True
     raise FlashError(
-        f"{folder / MANIFEST} is not signed by the release's key: somebody changed it; "
+        f"{folder / MANIFEST} is not signed by the release's key: it was modified; "
         "get the firmware again"
     )
 

@@ -36,7 +36,7 @@ BY_LABEL = Path("/dev/disk/by-label") / LABEL
 def flash(port: str | None, image: bytes, on_progress: OnProgress) -> int:
     """Copies a UF2 file onto the board's drive and waits until it has restarted;
     returns the bytes. `port`: of a board whose firmware is to start the boot loader;
-    None: somebody holds BOOTSEL. FlashError with what to do.
+    None: the user holds BOOTSEL. FlashError with what to do.
     """
     if port is not None and not drives():
         ask_for_loader(port)
