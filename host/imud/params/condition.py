@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import Any
 
 # A year: bias and scale of consumer sensors move by their specified accuracy in that
-# time, and iron of the housing is magnetised anew.
+# time, and iron of the housing is magnetised again.
 OLD_DAYS = 365
 # By so much another temperature moves an MPU-9250's accelerometer by 15 mg (product
 # specification, table 2: 1.5 mg/degC, here two sigma).

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Parts of the records of the params: between bytes, numbers on the wire, and values
-that people read. The schema says what there is.
+that people read. The schema lists them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Params of sensors that somebody has calibrated: values are taken as they are, and the
-filter is told how good they are.
+"""Params of calibrated sensors: values are used as they are, and the filter is told
+their accuracy.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ class Params(msgspec.Struct, frozen=True):
             if len(head) < 2 or len(body) < head[1]:
                 raise ParamsError(f"the params end within a record, at byte {at}")
             if any(other.tag == record.tag for other in found):
-                raise ParamsError(f"{record.name} is there twice")
+                raise ParamsError(f"{record.name} is given twice")
             found.append(record)
             at = at_body + len(body)
         return cls(tuple(found))

@@ -257,7 +257,7 @@ def test_the_field_to_the_north_and_up_follows_from_norm_and_dip(
     north_ut: float | None,
     up_ut: float | None,
 ) -> None:
-    """Whatever was said of it, as in a file whose dip somebody has changed."""
+    """Whatever was said of it, as in a file whose dip was edited."""
     values = {
         "bias_counts": [0, 0, 0],
         "matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
