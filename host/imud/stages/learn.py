@@ -43,8 +43,8 @@ class LearnStage:
         self._forget()
 
     def _forget(self) -> None:
-        """Other params are in force: what was learned is compared with them anew. The
-        samples stay, which are of the sensors as they are.
+        """Other params are active: learned calibrations are re-evaluated against them.
+        The samples are kept, as they are uncalibrated.
         """
         self._digest: int | None = None
         self._fit: Future[Learned] | None = None
