@@ -57,7 +57,7 @@ class CalibrationGuide:
         self._probe, self._kind = probe, kind
         self._feed, self._ask, self._tell = feed, ask, tell
         self._before = before  # leaves the probe as it was, before this one begins
-        self.is_told = False  # how it ends was told; whoever was told may begin anew
+        self.is_told = False  # its end was reported; the user may start again
         self._heard = asyncio.Event()
         self._early: deque[bytes] = deque(maxlen=EARLY_MAX)
         self._process: processes.Process | None = None
@@ -77,7 +77,7 @@ class CalibrationGuide:
             self._write(b"\n".join(payloads))
 
     def end(self) -> None:
-        """Has what there is judged."""
+        """Has the samples so far evaluated."""
         self._write(_encode(End()))
 
     def _write(self, lines: bytes) -> None:
@@ -143,7 +143,7 @@ class CalibrationGuide:
         )
 
     def _name_now(self) -> str:
-        """What the probe is called now: somebody may have renamed it."""
+        """The probe's current name: a user may have renamed it."""
         last = self._feed.last().items()
         all_now = {
             name: msgspec.json.decode(payloads[0])
@@ -247,12 +247,12 @@ class Guides:
         )
 
     def end(self, probe: str) -> None:
-        """Has the one of a probe judge what there is."""
+        """Has the guide of a probe evaluate the samples so far."""
         if probe in self._all:
             self._all[probe].end()
 
     async def stop(self, probe: str) -> None:
-        """Gives up the one of a probe, and forgets what came of it."""
+        """Cancels the guide of a probe, and forgets its result."""
         guide = self._all.pop(probe, None)
         if guide is not None:
             await guide.stop()
