@@ -51,9 +51,7 @@ CPPCHECK = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="tools/check.py", description=__doc__)
-    parser.add_argument(
-        "--format", action="store_true", help="format the source, check nothing"
-    )
+    parser.add_argument("--format", action="store_true", help="only format the source")
     if parser.parse_args().format:
         run("clang-format", "-i", *sources(*C_FOLDERS))
         run("ruff", "format", "--quiet")
@@ -128,7 +126,7 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def of_scripts() -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Of the page, and of the emulators in JavaScript."""
+    """Checks of the page, and of the emulators in JavaScript."""
     yield (
         "types of the page",
         (str(PAGE_TOOLS / "tsc"), "-p", "tools/web/tsconfig.json"),
@@ -175,7 +173,7 @@ def passes(name: str, command: tuple[str, ...]) -> bool:
 
 def run(program: str, *arguments: str) -> None:
     if shutil.which(program) is None:
-        sys.exit(f"{program} is not there: make setup")
+        sys.exit(f"{program} is missing: make setup")
     subprocess.run([program, *arguments], cwd=ROOT, check=True)
 
 
