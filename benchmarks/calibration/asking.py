@@ -29,7 +29,7 @@ def judged(
     return fit, fault
 
 
-def goes_on(laid: Laid) -> dict[str, Any]:
+def laid_as_asked(laid: Laid) -> dict[str, Any]:
     """What comes of it: how many poses were asked for, why it is refused then, and the
     errors of what is accepted.
     """

@@ -85,7 +85,7 @@ def of_crowd(task: tuple[Case, int]) -> dict[str, Any]:
     """
     row = measure(task)
     if row["refused"] in faults.LACKS and not task[0].is_held:
-        row["asked"] = asking.goes_on(laid(*task))
+        row["asked"] = asking.laid_as_asked(laid(*task))
     return row
 
 

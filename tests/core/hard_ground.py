@@ -84,8 +84,8 @@ def poses_of(
     warmer_k: float = 0,
     drift_mg_k: float | None = None,
 ) -> Stated:
-    """What the firmware's C makes of it, from power-on; `is_known`: of sensors that
-    somebody has calibrated, and so much colder. `drift_mg_k`: as its params tell it.
+    """What the firmware's C makes of it, from power-on; `is_known`: of calibrated
+    sensors, calibrated so much colder. `drift_mg_k`: as its params tell it.
     """
     samples = felt.samples(MPU9250)
     samples["temperature_cdeg"] = round(100 * (CALIBRATED_C + warmer_k))

@@ -31,7 +31,7 @@ def test_a_command_is_good(subject: str) -> None:
 @pytest.mark.parametrize(
     ("subject", "why"),
     [
-        ("fuse: A full window that fits lets the filter go on", "begins with A,"),
+        ("fuse: A full window keeps the filter running", "begins with A,"),
         ("fuse: The lag stands once", "begins with The,"),
         ("fuse: It goes on", "begins with It,"),
         ("fuse: Keeps the filter running", "begins with Keeps,"),

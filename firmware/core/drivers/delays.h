@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The delays of each kind of sensor, for whoever knows the kind alone: no message
+// The delays of each kind of sensor, for code that knows the kind alone: no message
 // carries them.
 #ifndef DELAYS_H
 #define DELAYS_H

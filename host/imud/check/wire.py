@@ -211,7 +211,7 @@ def _boots(evidence: Evidence) -> Row:
         advice = "the firmware crashed: please report it, with this"
     else:
         advice = (
-            "somebody pressed reset, or a program opened the port, which resets an "
-            "Arduino (DTR)"
+            "reset was pressed, or a program opened the port, which resets an Arduino "
+            "(DTR)"
         )
     return Row("start", measured, normal, verdict, advice, {"restarts": restarts})

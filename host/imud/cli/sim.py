@@ -44,7 +44,7 @@ HANDS = {
     "dimple": "wobbles it about its tip, which stands in a dimple",
     "slip": "the same, but the tip slips about by 1 mm",
     "soft": "the same, but the base gives by 4 %% of the way",
-    "stroke": "draws strokes of 20 cm to and fro, and rests between them",
+    "stroke": "draws strokes of 20 cm back and forth, and rests between them",
     "button": "the same, and holds the button meanwhile (button_does = stroke)",
     "sheet": "with the button, repeatedly draws the outline of an A4 sheet",
     "circle": "with the button, draws a circle of 20 cm in eight strokes",

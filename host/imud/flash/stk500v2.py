@@ -127,7 +127,7 @@ class Stk500v2:
     def _hear(
         self, seconds: float, size: int, is_enough: Callable[[bytes], bool]
     ) -> None:
-        """`size`: what is to come, for which a read need not wait in vain."""
+        """`size`: what is to come, so that a read does not wait for more."""
         heard = b""
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s and not is_enough(heard):

@@ -159,7 +159,7 @@ uint64_t lsm6dsox_chip_next_event(const struct lsm6dsox_chip *chip) {
 }
 
 // DS table 50: BOOT and SW_RESET are cleared automatically. A boot loads the factory's
-// trimming anew; the user's registers stay (AN5192, memory).
+// trimming again; the user's registers stay (AN5192, memory).
 static void end_waits(struct lsm6dsox_chip *chip) {
     const uint64_t now = chip->wire.now_ns;
     if (chip->reset_end == now) {

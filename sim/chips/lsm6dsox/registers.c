@@ -142,7 +142,7 @@ void lsm6dsox_chip_write_register(struct lsm6dsox_chip *chip, uint8_t value) {
     if (chip->reset_end != NEVER || chip->boot_end != NEVER) {
         lsm6dsox_chip_complain(chip, "LSM6DSOX: a register written during a reset");
     }
-    if (rule == NULL) {  // DS 10: may damage it for good
+    if (rule == NULL) {  // DS 10: may damage it permanently
         lsm6dsox_chip_complain(
             chip, "LSM6DSOX: a register written that is reserved or read-only");
     } else {

@@ -193,7 +193,7 @@ def test_who_does_not_listen_is_told_what_was_assumed() -> None:
 
 
 def ended_early(count: int) -> tuple[CalibrationSession, list[Sample]]:
-    """A session of somebody who has laid the probe `count` times; and what is left."""
+    """A session of a user who has laid the probe `count` times; and what is left."""
     day, ups = datetime.date(2026, 11, 27), [np.array(up, dtype=float) for up in ASKED]
     session = CalibrationSession("mount", Subject(SCALE, Params(), True), day)
     left = samples(module(TURNED), 3, ups)

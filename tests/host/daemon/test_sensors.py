@@ -177,7 +177,8 @@ def test_a_probe_that_judges_itself_is_told_as_well(chain: Chain) -> None:
     }
     chain.port.write(chain.probe.say("hello"))
     chain.daemon.expect(
-        r"the gyroscope failed its self-test \(by the probe's own self-test\): don't trust poses"
+        r"the gyroscope failed its self-test \(by the probe's own self-test\): "
+        r"don't trust poses"
     )
 
 
