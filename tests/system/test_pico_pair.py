@@ -10,11 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.common import scoring
 from demanded import leave_out
+from imud.rotation import FloatArray
+from imud.virtual import sensors
 from imud.virtual.boards import PICO as VIRTUAL
+from imud.virtual.motion import Motion
 from length import choose
-from system.test_pico import assert_the_poses_are_the_hosts, followed
-from system.virtual import PICO, Stub
+from system.test_pico import CLICK, assert_the_poses_are_the_hosts, followed
+from system.virtual import PICO, Run, Stub, run, write_hand
 
 ROOT = Path(__file__).resolve().parents[2]
 SIMULATOR, IMAGE = ROOT / VIRTUAL.simulator, ROOT / VIRTUAL.image
@@ -48,3 +52,42 @@ def test_the_pair_is_found_and_its_poses_are_the_hosts(pico: Stub, ready: str) -
     fields = sum(raw.fields["mag"] is not None for raw in raws)
     assert fields / (times[-1] - times[0]) * 1e6 == pytest.approx(80, abs=1)
     assert done.summary["late"] == 0
+
+
+def test_without_a_wire_times_are_those_of_the_edges_and_poses_as_good(
+    pico: Stub,
+) -> None:
+    seconds = 9
+    hand = sensors.generate(seconds, seed=3)
+    words = ("--motion", write_hand(pico.folder / "hand", seconds, seed=3), *CLICK)
+    wired, polled = (
+        run(pico, seconds, *words, *pico.raw_too, *PAIR, "--ready", ready)
+        for ready in ("wire", "none")
+    )
+    # The sensor's clock is the same in both.
+    edges_us, times_us = (
+        np.array([raw.time_us for raw in done.named("raw")]) for done in (wired, polled)
+    )
+    phase_us = np.median(off_grid_us(edges_us - edges_us[0]))
+    late_us = off_grid_us(times_us - edges_us[0] - phase_us)
+    assert np.sqrt(np.mean(late_us**2)) < 30
+    assert np.percentile(np.abs(late_us), 99) < 100
+    errors = [tilt_error_deg(done, hand) for done in (wired, polled)]
+    assert errors[1] == pytest.approx(errors[0], abs=0.1)
+
+
+def off_grid_us(times_us: FloatArray) -> FloatArray:
+    """From the nearest instant of the sensor: its clock has 6667 Hz, divided by 32."""
+    period_us = 32e6 / 6667
+    return np.asarray((times_us + period_us / 2) % period_us - period_us / 2)
+
+
+def tilt_error_deg(done: Run, hand: Motion) -> float:
+    """Rms over the poses of the second half, which knows where down is."""
+    heard = done.named("pose")
+    poses = heard[len(heard) // 2 :]
+    times_us = np.array([pose.time_us for pose in poses])
+    times_s = (times_us - done.summary["motion_start_us"]) * 1e-6
+    found = np.array([pose.fields["q"] for pose in poses])
+    tilt = scoring.errors_at(times_s, found, hand).inclination
+    return float(np.sqrt(np.mean(tilt**2)))
