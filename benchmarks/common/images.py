@@ -34,13 +34,16 @@ def simulated(board: str) -> list[str]:
 
 def environments() -> list[str]:
     """Environments of platformio.ini for the Nano's images, the default one first;
-    those without flags of their own have the image of another."""
+    those without flags of their own have the image of another, and those with sources
+    of their own another sensor."""
     ini = configparser.ConfigParser(interpolation=None)
     ini.read(PROJECT / "platformio.ini")
     names = [
         section.removeprefix("env:")
         for section in ini
-        if "env:" in section and "build_flags" in ini[section]
+        if "env:" in section
+        and "build_flags" in ini[section]
+        and "build_src_filter" not in ini[section]
     ]
     others = [
         name

@@ -18,7 +18,17 @@ ROOT = figures.ROOT
 # Documents with figures that no file of benchmarks/results has yet; some have others.
 UNCHECKED = {
     *("README", "accuracy", "calibration", "card", "check", "clock", "f405", "faults"),
-    *("fleet", "honesty", "imud", "limb", "limits", "micropython", "motions", "nano"),
+    *(
+        "fleet",
+        "honesty",
+        "imud",
+        "limb",
+        "limits",
+        "mega",
+        "micropython",
+        "motions",
+        "nano",
+    ),
     *("page", "pico", "pose", "proof", "ros2", "security", "since-origin", "slicer"),
     *("strokes", "tip", "udp"),
 }

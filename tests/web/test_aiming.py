@@ -89,7 +89,7 @@ def test_from_the_origin_two_degrees_are_reached_until_the_attitude_is_lost(
     says(shown, SIGMA, "Set the origin again: the attitude was lost")
     assert page.get_attribute(".aim", "data-state") == "unsure"
     page.get_by_role("link", name="Probe", exact=True).click()
-    says(shown, '.numbers [data-part="since"]', "not known: the attitude was lost")
+    says(shown, '.numbers [data-part="since"]', "unknown: the attitude was lost")
     desk.hand.turn(LEVEL, **USUAL, pose_flags=("tared",))
     shown.until("!globalThis.imud.model.probe.pose.flags.includes('starting')")
     set_origin(shown, desk)

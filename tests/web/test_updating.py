@@ -147,7 +147,7 @@ def test_firmware_is_for_who_may_command() -> None:
         with contextlib.closing(served.page), served.live() as visitor:
             visitor.say(do="login", user="", secret=users.token)
             visitor.say(do="update", id=1, probe="nobody")
-            why = "there is no probe nobody" if is_allowed else "does not allow"
+            why = "there is no probe nobody" if is_allowed else "may not update"
             assert why in visitor.next("answer")["error"]
 
 
@@ -156,7 +156,7 @@ def test_a_page_for_a_daemon_elsewhere_offers_none() -> None:
     with contextlib.closing(served.page), served.live() as visitor:
         assert visitor.next("page")["firmware"] == []
         visitor.say(do="update", id=1, probe="stylus")
-        assert "not allow" in visitor.next("answer")["error"]
+        assert "may not update" in visitor.next("answer")["error"]
 
 
 def test_the_page_offers_what_is_newer_and_writes_it(

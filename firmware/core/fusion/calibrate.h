@@ -29,11 +29,9 @@ struct calibration {
     int16_t field_north;
     int16_t field_up;
     // Of the accelerometer's calibration, as its record has them: 0.01 degC or
-    // SAMPLE_NO_TEMPERATURE; when and how it was made; and what each kelvin from there
-    // adds to its sigma, 1e-4 m/s2 for 1.28 K.
+    // SAMPLE_NO_TEMPERATURE; and what each kelvin from there adds to its sigma,
+    // 1e-4 m/s2 for 1.28 K.
     int16_t temperature;
-    uint16_t day;
-    uint8_t method;
     uint8_t drift;
     union {
         struct {

@@ -17,11 +17,6 @@ _Static_assert(offsetof(struct calibration_of_sensor, matrix) ==
 _Static_assert(offsetof(struct calibration, field_up) ==
                    offsetof(struct calibration, field_north) + sizeof(int16_t),
                "as the record has them");
-_Static_assert(offsetof(struct calibration, drift) -
-                       offsetof(struct calibration, temperature) ==
-                   offsetof(struct record_acc, drift) -
-                       offsetof(struct record_acc, temperature),
-               "as the record has them");
 _Static_assert(CALIBRATION_DRIFT == ACC_DRIFT_NULL, "what is assumed is not known");
 _Static_assert(PARAMS_ACC == 1 && PARAMS_GYR == 2 && PARAMS_MAG == 3, "as sensors[]");
 enum {
@@ -30,7 +25,7 @@ enum {
     // In the record, whose parts follow each other without gaps.
     TEMPERATURE_AT = VALUES_ALL + 2,
     TEMPERATURE_SIZE = 2,
-    TO_DRIFT = 6,  // from there on, with day and method
+    DRIFT_AT = TEMPERATURE_AT + 5,  // after day and method
     FIELD_AT = VALUES_ALL + 13,
     FIELD_SIZE = 4,
     TAGS_MAX = 8,  // of the records that are known, and of those that may not be double
@@ -86,12 +81,11 @@ static void read_conditions(const IN_FLASH struct memory *memory, uint16_t offse
                     FIELD_SIZE);
     }
     if (head[0] == PARAMS_ACC && head[1] >= TEMPERATURE_AT + TEMPERATURE_SIZE) {
-        uint8_t size = (uint8_t)(head[1] - TEMPERATURE_AT);
-        if (size > TO_DRIFT) {
-            size = TO_DRIFT;
-        }
         memory_copy(memory, (uint16_t)(offset + TEMPERATURE_AT), &out->temperature,
-                    size);
+                    TEMPERATURE_SIZE);
+        if (head[1] > DRIFT_AT) {
+            memory_copy(memory, (uint16_t)(offset + DRIFT_AT), &out->drift, 1);
+        }
     }
 }
 

@@ -95,7 +95,7 @@ def _left(params: Params, name: str) -> str:
     if of is None or of.residual is None:
         return "calibrated"
     if name == "acc":
-        left = f"{1000.0 * of.residual / G_M_S2:.2f} mg left over at the stops"
+        left = f"{1000.0 * of.residual / G_M_S2:.2f} mg residual at the stops"
         drift = of.drift_m_s2_k
         return left if drift is None else f"{left}; {drift_words(drift)}"
     if name == "gyr":

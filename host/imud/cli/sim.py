@@ -341,7 +341,7 @@ def _take_motion(args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
                 *(image, simulator, found.records, args.eeprom, args.seed),
                 sensor=board.sensor,
             )
-            params = "; its params are in force"
+            params = "; its params are active"
         else:
             params = f"; its params are those of a {found.board} and not used"
     sys.stderr.write(f"{motions.words_of(file, found)}{params}\n")

@@ -147,8 +147,7 @@ def of_file(path: Path) -> Module:
     """The module of a TOML file with tables acc, gyr and mag: docs/calibration.md."""
     if not path.exists():
         raise FileError(
-            f"there is no module {path}; there are {SHOP}, {PAIR}, {CALIBRATED}, or a "
-            "file"
+            f"no module {path}: use {SHOP}, {PAIR}, {CALIBRATED}, or a file"
         )
     try:
         tables = tomllib.loads(read_text(path))

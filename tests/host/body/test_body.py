@@ -93,7 +93,11 @@ SHANK_PROBE = 'probe = "shank"'
         ('parent = "thigh"\n', "", "it has no parent, and neither has thigh"),
         ('joint = "knee"', 'joint = "kneee"', '"kneee" is not "hip", "knee"'),
         ('joint = "knee"', 'at = "hole"', "thigh has no mark hole; it has end"),
-        ("length_m = 0.42", "lenght_m = 0.42", r"is it \[segments.thigh\] length_m"),
+        (
+            "length_m = 0.42",
+            "lenght_m = 0.42",
+            r"did you mean \[segments.thigh\] length_m",
+        ),
         ("length_m = 0.42", "length_m = -1.0", "is not a number"),
         ("probe =", "# probe =", "no segment has a probe"),
         (leg.CHAIN, "", "it has no segments"),

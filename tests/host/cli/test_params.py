@@ -266,7 +266,7 @@ def test_a_printed_handle_brings_its_tip_and_leaves_the_rest(
     assert (after.acc, after.gyr, after.mag) == (before.acc, before.gyr, before.mag)
     assert after.tip is not None
     assert after.tip.offset_m == pytest.approx((0.075, 0.0018, 0.0036))
-    assert "in force already" in desk.run("load", "handle-pico")
+    assert "already active" in desk.run("load", "handle-pico")
 
 
 def test_a_misspelt_handle_is_answered_with_those_there_are(desk: Desk) -> None:

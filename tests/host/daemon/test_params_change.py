@@ -217,7 +217,7 @@ def test_a_worn_memory_is_told(wire: Wire) -> None:
     ("result", "words"),
     [
         ("unknown_command", "unknown command"),
-        ("bad_argument", "no room for 45 bytes"),
+        ("bad_argument", "no room for 46 bytes"),
         ("not_ready", "not ready"),
     ],
 )

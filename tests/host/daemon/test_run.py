@@ -287,7 +287,7 @@ def test_a_probe_has_the_name_that_the_configuration_gives_it(tmp_path: Path) ->
     made = Chain(tmp_path, "--config", file, prefix="lab/a")
     try:
         assert made.client.only_probe("stylus") == "stylus"
-        with pytest.raises(ProbeUnknown, match=r"no probe needle came in 0\.1 s"):
+        with pytest.raises(ProbeUnknown, match=r"no probe needle found within 0\.1 s"):
             made.client.wait_for("needle", seconds=0.1)
     finally:
         made.close()

@@ -82,7 +82,7 @@ def test_a_bus_that_fails_again_and_again_says_how_often() -> None:
         ("wrong_chip", 0x75, "nano", "answers 0x75, which is not a chip that"),
         ("wrong_chip", 0xEA, "micropython", "answers 0xEA (ICM-20948), which is not"),
         ("wrong_chip", 0x68, "f405", "answers 0x68 at 0x6B or 0x1D, which is not an"),
-        ("registers", 0x1B71, "nano", "register 0x1B does not keep the value written"),
+        ("registers", 0x1B71, "nano", "register 0x1B does not hold what was written"),
         ("registers", 0x1B71, "nano", "the sensor's supply sags or a wire is loose"),
         ("registers", 0x1DEA, "nano", "it answers 0xEA (ICM-20948), which is not an"),
         ("force", 0x74, "nano", "no force near 1 g at rest (it answers 0x74 (MPU-6515"),
