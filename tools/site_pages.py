@@ -23,8 +23,9 @@ TREE = {
     "Start": ("README", "safety", "install"),
     "Use": (
         *("build", "flash", "first-contact", "check", "imud", "page"),
-        *("calibration", "testplan"),
-        *("tip", "strokes", "limb", "params", "logs", "import", "card", "glossary"),
+        *("calibration", "calibration-methods", "testplan"),
+        *("tip", "strokes", "strokes-methods", "limb", "limb-methods", "params"),
+        *("logs", "import", "card", "glossary"),
     ),
     "Poses in your program": (
         *("pose", "status", "since-origin", "subscribe", "languages", "stream", "ros2"),

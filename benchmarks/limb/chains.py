@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Joint angles of made chains of five segments at 40 Hz, with probes fixed and on foam,
-and those of hinges by a plain 1D correction: docs/limb.md. Seeds for tuning and for
-judging are kept apart.
+and those of hinges by a plain 1D correction: docs/limb-methods.md. Seeds for
+tuning and for judging are kept apart.
 """
 
 from __future__ import annotations

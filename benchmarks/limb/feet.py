@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Rests and paths of made feet that stroll, walk, jog, run and sprint in curves, with a
-compass and without: docs/limb.md. Seeds for tuning and for judging are kept apart.
+compass and without: docs/limb-methods.md. Seeds for tuning and for judging are
+kept apart.
 
 example: python -m benchmarks.limb.feet --sets judging --feet 4
 """

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Joint angles and the path of a foot by three virtual probes on a leg: docs/limb.md.
+"""Joint angles and the path of a foot by three virtual probes on a leg:
+docs/limb-methods.md.
 
 Runs the host build of the filter on the samples that the virtual Nano would read.
 Seeds for tuning and for judging are kept apart.

@@ -3,7 +3,7 @@
 
 Prints tables and writes build/benchmarks/strokes.json. Seeds are kept apart: those of
 --set tuning were looked at while the method was made, those of judging were not.
-docs/strokes.md explains the columns.
+docs/strokes-methods.md explains the columns.
 """
 
 from __future__ import annotations
