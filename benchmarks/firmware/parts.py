@@ -39,6 +39,7 @@ FILES = {
     "lsm9ds0.c": "sensor",
     "lsm9ds0_setup.c": "sensor",
     "adafruit_4517.c": "sensor",
+    "chip_pair.c": "sensor",
     "joined.c": "sensor",
     "lis3mdl.c": "sensor",
     "lsm6dsox.c": "sensor",

@@ -107,7 +107,7 @@ export class UpdateBox {
     if (found === undefined) {
       return "The firmware is updated.";
     }
-    const how = BY_BUTTON.includes(hello?.board) ? "" : ` In a shell: imud flash ${this._name}`;
+    const how = BY_BUTTON.includes(hello?.board) ? "" : ` To update, run: imud flash ${this._name}`;
     return `Firmware ${found.version} is there; the probe has ${hello?.firmware}.${how}`;
   }
 
