@@ -17,7 +17,7 @@ FIELD_UT = (18.0, 75.0)  # of the Earth, with some room
 
 
 class CalibrationFault(msgspec.Struct, frozen=True):
-    """What is wrong and what to do about it, one clause each."""
+    """What is wrong, and the remedy: one clause each."""
 
     kind: str
     reason: str
@@ -31,7 +31,9 @@ def of_field(mag: MagFit | None, heading_deg: float | None) -> CalibrationFault 
     """A room or a magnet that spoils the magnetometer's part."""
     if mag is None:
         return None
-    sure = "" if heading_deg is None else f"; heading would be +-{heading_deg:.1f}"
+    sure = ""
+    if heading_deg is not None:
+        sure = f"; the heading error would be +-{heading_deg:.1f} degrees"
     if mag.uneven_ut > UNEVEN_UT:
         return CalibrationFault(
             "uneven_field",
@@ -42,20 +44,20 @@ def of_field(mag: MagFit | None, heading_deg: float | None) -> CalibrationFault 
         return CalibrationFault(
             "noisy",
             f"the magnetometer is noisy ({mag.noise_ut:.1f} uT{sure})",
-            "move away from motors and mains cables, and go on for longer; if that "
-            "does not help, try another module",
+            "move away from motors and mains cables, and continue for longer; if "
+            "that does not help, try another module",
         )
     return of_magnets(mag)
 
 
 def of_magnets(mag: MagFit) -> CalibrationFault | None:
-    """A field that no room on Earth has, or no module."""
+    """A field too strong or too weak for any room on Earth, or for any module."""
     own = float(np.linalg.norm(mag.bias))
     if own > MAGNET_UT:
         return CalibrationFault(
             "magnet",
-            f"the probe has a magnetic field of its own of {own:.0f} uT",
-            "take the magnet or the iron off it and begin again",
+            f"the probe's own magnetic field is {own:.0f} uT",
+            "remove the magnet or iron from it and start again",
         )
     low, high = FIELD_UT
     if not low < mag.norm_ut < high:

@@ -61,8 +61,8 @@ class ModuleMount:
     def words(self) -> str:
         if self.is_assumed:
             return (
-                "the module's axes are taken for those of the housing, as it was not "
-                "laid as asked; imud calibrate mount finds them"
+                "the module's axes are assumed to be the housing's, as the poses were "
+                "not the requested ones; find them with imud calibrate mount"
             )
         if self.is_plain:
             return "the module's axes are those of the housing"
@@ -118,14 +118,14 @@ ASSUMED = ModuleMount(PLAIN.turn, is_assumed=True)
 
 
 def named(name: str) -> ModuleMount:
-    """MountError with what can be said."""
+    """MountError lists the possible names."""
     wanted = name.replace(" ", "").lower()
     for each in ALL:
         if each.name == wanted:
             return each
     raise MountError(
-        f"{name!r} is no mounting: say where the module's arrows x and y point, as "
-        f"back,left; each is one of {', '.join(SIDES)}"
+        f"{name!r} is not a mounting; give the directions of the module's x and y "
+        f"arrows, such as back,left; each is one of {', '.join(SIDES)}"
     )
 
 

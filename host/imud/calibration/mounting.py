@@ -108,7 +108,7 @@ class MountFinder:
         if left > LEFT_MAX_G:
             self.forces_g.clear()
             self.failures += 1
-            raise MountError("these poses fit no way to mount a module")
+            raise MountError("these poses match no possible mounting of a module")
         return best if count == len(ASKED) else None
 
     def _best(self) -> tuple[ModuleMount, float]:

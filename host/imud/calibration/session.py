@@ -102,7 +102,7 @@ class CalibrationSession:
         if self.is_over:
             return
         if sample.t_us < self._last_us:
-            self._refuse("the probe restarted; begin again")
+            self._refuse("the probe restarted; start again")
             return
         self._last_us = sample.t_us
         if sample.mag is not None:
@@ -130,7 +130,7 @@ class CalibrationSession:
         elif isinstance(guide, Dimpling):
             self._wobbled(guide.end())
         else:
-            self._refuse("it was ended early; begin again")
+            self._refuse("it was stopped too early; start again")
 
     def _guided(self, events: list[Event]) -> None:
         for event in events:

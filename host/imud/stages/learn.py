@@ -117,17 +117,17 @@ class LearnStage:
         }
         yield Publish(self.name, place | dict(self.status()))
         words = (
-            f"its sensors are known to +-{found.tilt_deg:.1f} degrees of tilt and "
-            f"+-{found.heading_deg:.1f} of heading"
+            f"learned its calibration, with errors of +-{found.tilt_deg:.1f} degrees "
+            f"in tilt and +-{found.heading_deg:.1f} in heading"
         )
         if self._mode == "propose":
-            how = "imud calibrate learned puts that in force"
+            how = "activate it with imud calibrate learned"
             yield LogLine(Proposal, f"{words}; {how}")
             return
-        yield LogLine(Proposal, f"{words}, and are calibrated so")
+        yield LogLine(Proposal, f"{words}; activating it")
         parameters = {"records": found.params.encode().hex(), "probe": self._probe_id}
         yield SendCommands(
-            (("params", parameters),), "what was learned can't be put in force"
+            (("params", parameters),), "the learned calibration can't be activated"
         )
 
     def status(self) -> Mapping[str, Any]:

@@ -116,7 +116,7 @@ def test_a_missing_face_is_named() -> None:
     recording = recorded(samples(module(), 4, [pose.up for pose in TWELVE[:5]]))
     with pytest.raises(MethodError, match="missing: on its left side, right up"):
         six_positions.fit(recording, find_stops(recording))
-    with pytest.raises(MethodError, match="half turn where it lies"):
+    with pytest.raises(MethodError, match="turn the probe by 180 degrees"):
         recording = recorded(samples(module(), 4, [pose.up for pose in TWELVE[:6]]))
         half_turns.fit(recording, find_stops(recording))
 

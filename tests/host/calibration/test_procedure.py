@@ -76,7 +76,7 @@ def test_a_hand_that_obeys_is_done_within_a_minute_with_its_housing() -> None:
 
 def test_scores_fall_and_the_words_follow() -> None:
     procedure = Procedure(SCALE, wants_housing=False)
-    assert procedure.status().instruction == "Lay it still, base down."
+    assert procedure.status().instruction == "Lay it base down and let go."
     instructions, tilts = [], []
     for each in twelve():
         if procedure.feed(each):
@@ -98,7 +98,7 @@ def test_a_probe_that_moves_too_early_is_told_so() -> None:
     assert set(kinds(fed(procedure, short))) == {"moved"}
     status = procedure.status()
     assert status.poses == 0
-    assert "lay it on something" in (status.trouble or "")
+    assert "lay it down" in (status.trouble or "")
 
 
 def test_a_pose_that_was_there_before_does_not_count_twice() -> None:

@@ -111,7 +111,7 @@ def test_a_good_wobble_is_done_after_15_s_and_right() -> None:
 
 WEAK = {
     "slips": (Wobble(slip_m=1e-3), "the tip slips"),
-    "base_gives": (Wobble(give=0.04), "the base gives"),
+    "base_gives": (Wobble(give=0.04), "the base is soft"),
     "slow": (Wobble(hz=0.25), "faster"),
     "one_direction": (Wobble(directions=1, swing_deg=10.0), "two directions"),
     "small": (Wobble(swing_deg=6.0), "lean it further"),

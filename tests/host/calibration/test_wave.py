@@ -69,11 +69,11 @@ def test_waving_ends_when_it_is_good() -> None:
     acc = Affine(guided().acc.matrix, guided().acc.bias)
     gyr = Affine(guided().gyr.matrix, guided().gyr.bias)
     waving = Waving(SCALE, acc, gyr, 0.05)
-    assert "Wave it about" in waving.instruction
+    assert "Wave it slowly" in waving.instruction
     found = next(filter(None, map(waving.feed, waved())))
     assert isinstance(found, Wave)
     assert 20.0 <= waving.seconds < 32.0
-    assert "Heading +-" in waving.instruction
+    assert "Heading error +-" in waving.instruction
     params = result_of_wave(found, SCALE, Params()).params
     assert params.acc is None
     assert params.mag is not None

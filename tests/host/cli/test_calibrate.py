@@ -80,7 +80,7 @@ def test_a_probe_is_calibrated_and_the_calibration_undone(desk: Desk) -> None:
         code, out, err = desk.run(desk.probe, "--no-housing")
         assert (code, err) == (0, "")
         lines = out.splitlines()
-        assert lines[0] == "Lay it still, base down."
+        assert lines[0] == "Lay it base down and let go."
         assert any(line.startswith("Good (1 of 12). Now lay it ") for line in lines)
         assert f"{desk.probe}: calibrated from 12 stops" in out
         assert ", at 24.5 degC" in out
@@ -177,7 +177,7 @@ def test_a_dead_axis_is_refused_and_nothing_changes(desk: Desk) -> None:
     broken = [Sample(s.t_us, dead(s.acc), s.gyr, s.mag) for s in calibrating()]
     with Stream(desk.chain, broken):
         line = desk.refused(desk.probe)
-    assert "refused: the accelerometer's y axis does not follow" in line
+    assert "refused: the accelerometer's y axis does not respond" in line
     assert "the previous calibration stays active" in line
 
 
@@ -205,7 +205,7 @@ def test_what_the_daemon_has_learned_is_put_in_force(
     assert "acc method         -       learned" in out
     assert "  tilt           +-0." in out
     assert desk.in_force.mag is not None
-    desk.chain.daemon.expect("imud calibrate learned puts that in force")
+    desk.chain.daemon.expect("activate it with imud calibrate learned")
 
 
 def test_an_old_calibration_is_verified(desk: Desk) -> None:

@@ -80,7 +80,7 @@ def test_a_method_that_lacks_something_says_what(
     code, _, err = run(capsys, taken, "--method", "half-turns", *DRY)
     assert (code, err) == (
         1,
-        "imud: on each of its six sides the probe needs a half turn where it lies\n",
+        "imud: turn the probe by 180 degrees on the spot on each of its six sides\n",
     )
 
 

@@ -50,7 +50,7 @@ def test_the_screen_says_what_to_do_and_how_good_it_is() -> None:
     procedure = Procedure(SCALE)
     first = "\n".join(line.plain for line in lines("stylus", procedure.status()))
     assert "stylus  pose 0 of 12" in first
-    assert "Lay it still, base down." in first
+    assert "Lay it base down and let go." in first
     assert first.count("not yet") == 2
     for each in calibrating()[:2650]:
         procedure.feed(each)

@@ -89,7 +89,7 @@ def test_a_tip_that_slips_is_refused_with_its_cure_and_nothing_changes(
     with Stream(desk.chain, slipping):
         code, out, err = desk.run(desk.probe)
     assert code == 1
-    assert err.startswith("imud: refused: the tip slips or something knocks: ")
+    assert err.startswith("imud: refused: the tip slips or is knocked: ")
     assert "press it into a dimple that holds it" in err
     assert "the tip slips" in out  # while there was time to hold it still
     assert desk.in_force == CALIBRATED

@@ -87,7 +87,7 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     assert 1 <= len(bench.of(Publish)) == len(bench.of(LogLine)) <= 3
     assert bench.of(SendCommands) == []
     for told in bench.of(LogLine):
-        assert "imud calibrate learned puts that in force" in told.text
+        assert "activate it with imud calibrate learned" in told.text
     assert {each.topic for each in bench.of(Publish)} == {"learn"}
     status = bench.stage.status()
     assert status["state"] == "proposes"

@@ -67,7 +67,7 @@ def _stuck(
         for axis in np.flatnonzero(swing < dead):
             return CalibrationFault(
                 "dead_axis",
-                f"the {name}'s {'xyz'[axis]} axis does not follow: it is dead or at "
+                f"the {name}'s {'xyz'[axis]} axis does not respond: it is dead or at "
                 "the end of its range",
                 BROKEN,
             )
@@ -86,8 +86,8 @@ def _swapped(recording: SensorRecording, fit: ModuleFit) -> CalibrationFault | N
             )
         return CalibrationFault(
             "gyroscope",
-            "the gyroscope does not turn as gravity does: after a turn they differ by "
-            f"{math.degrees(fit.gyr.residual_rad):.0f} degrees",
+            "the gyroscope disagrees with gravity by "
+            f"{math.degrees(fit.gyr.residual_rad):.0f} degrees after a turn",
             BROKEN,
         )
     mag = fit.mag
@@ -121,20 +121,18 @@ def _gyro_axes(recording: SensorRecording, fit: ModuleFit) -> str | None:
 
 TOO_FEW_FOR_MOUNT = CalibrationFault(
     "too_few",
-    "five poses tell how the module is mounted",
-    "go on, or say it with --mount",
+    "finding the module's mounting takes five poses",
+    "lay the remaining ones, or pass --mount",
 )
 
 
 def not_as_asked(error: Exception) -> CalibrationFault:
-    """The first poses tell how a module is mounted, if they are those asked for."""
-    return CalibrationFault(
-        "not_as_asked", str(error), "begin again with its base down"
-    )
+    """The first poses show the mounting only if they are the requested ones."""
+    return CalibrationFault("not_as_asked", str(error), "start again, base down")
 
 
 def of_room(fit: ModuleFit, earth: Earth | None) -> CalibrationFault | None:
-    """A field that is uneven, or not that of the place."""
+    """An uneven field, or one that differs from the Earth's at this place."""
     mag = fit.mag
     if mag is None:
         return None
@@ -147,7 +145,7 @@ def of_room(fit: ModuleFit, earth: Earth | None) -> CalibrationFault | None:
     return of_field(mag, fit.score.heading_deg) or other
 
 
-# Faults of who has not laid it often enough: more poses are the cure.
+# Faults that more poses cure.
 LACKS = frozenset({"too_few", "missing_poses", "weak_heading"})
 
 
@@ -160,7 +158,7 @@ def of_score(
     if fit is None:
         return CalibrationFault(
             "too_few",
-            f"only {stops} poses are too few",
+            f"{stops} poses are too few",
             "lay the probe still in nine or more attitudes, for two seconds each",
         )
     if not fit.score.is_level:
@@ -174,23 +172,24 @@ def of_score(
         return CalibrationFault(
             "no_magnetometer",
             "the magnetometer gave too few readings",
-            "imud calibrate acc PROBE and gyro calibrate the others alone",
+            "calibrate the other sensors alone: imud calibrate acc PROBE, then gyro",
         )
     return of_field(fit.mag, heading) or CalibrationFault(
         "weak_heading",
-        f"heading would be +-{heading:.1f} degrees",
+        f"the heading error would be +-{heading:.1f} degrees",
         f"add poses; {_missing(fit)}",
     )
 
 
 def _weak_level(fit: ModuleFit) -> CalibrationFault:
-    found = f"tilt would be +-{fit.score.tilt_deg:.2f} degrees"
+    found = f"the tilt error would be +-{fit.score.tilt_deg:.2f} degrees"
     if fit.acc.chi > SHAKING_CHI:
         return CalibrationFault(
             "shaking",
             f"{found}: gravity differs between the poses by "
-            f"{fit.acc.residual_m_s2 / GRAVITY_M_S2 * 1000:.1f} mg more than it can",
-            "lay the probe on something that does not move, and do not hold it",
+            f"{fit.acc.residual_m_s2 / GRAVITY_M_S2 * 1000:.1f} mg, more than noise "
+            "explains",
+            "lay the probe on something solid and let go of it",
         )
     return CalibrationFault("missing_poses", found, _missing(fit))
 

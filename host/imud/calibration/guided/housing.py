@@ -44,14 +44,14 @@ def turned(
         return CalibrationFault(
             "not_half_turn",
             f"it was turned by {math.degrees(abs(angle_rad)):.0f} degrees",
-            "turn it by half a turn on the spot",
+            "turn it by 180 degrees on the spot",
         )
     slope = math.acos(np.clip(first @ second, -1.0, 1.0)) / 2.0
     if slope > SLOPE_MAX:
         return CalibrationFault(
             "sloping_table",
             f"the table slopes by {math.degrees(slope):.0f} degrees",
-            "use one that is level",
+            "use a level table",
         )
     return onto(units(first + second), UP)
 

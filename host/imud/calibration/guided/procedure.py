@@ -165,7 +165,7 @@ class Procedure:
             CalibrationFault(
                 "moved",
                 f"it moved after {lasted:.1f} s",
-                "lay it on something and let go, for two seconds",
+                "lay it down and let go for two seconds",
             )
         )
 
@@ -290,7 +290,7 @@ class Procedure:
     def _judge(
         self, recording: SensorRecording, turn: FloatArray | None = None
     ) -> Event:
-        """The last word: a last fit, of all stops."""
+        """The final verdict, by a last fit of all stops."""
         if self.is_mount_alone:  # or it would be over
             return self._refuse(faults.TOO_FEW_FOR_MOUNT)
         stops = self._stops = lasting(Blocks.of(recording).stops(), recording, GOOD_S)
@@ -341,9 +341,9 @@ class Procedure:
             return "Let it lie still..."
         done, of = len(self.ups), max(self.count, len(self.ups) + 1)
         if self.phase == "base_down":
-            return "All poses are good. Now for its housing: lay it base down."
+            return "All poses are good. To align its housing, lay it base down."
         if self.phase == "half_turn":
-            return "Good. Turn it by half a turn on the spot, base down."
+            return "Good. Keep it base down and turn it by 180 degrees."
         if done == 0:
-            return "Lay it still, base down."
+            return "Lay it base down and let go."
         return f"Good ({done} of {of}). Now lay it {self.wanted.words}."

@@ -40,7 +40,7 @@ GYR_GOOD = 0.01  # of the turned angle
 
 
 class SensorCheck(msgspec.Struct, frozen=True):
-    """What was found of one sensor."""
+    """The verdict on one sensor."""
 
     sensor: str  # acc, gyr, mag
     verdict: Literal["good", "bad", "not calibrated", "not seen"]
@@ -99,7 +99,7 @@ class Verify:
             return "Lay it still."
         if not _are_apart(recording, stops):
             return "Good. Now turn it over and lay it still again."
-        return "Good. Let it lie."
+        return "Good. Keep it still."
 
 
 def _are_apart(recording: SensorRecording, stops: list[StaticInterval]) -> bool:
@@ -116,7 +116,7 @@ def _ups(acc: FloatArray, stops: list[StaticInterval]) -> FloatArray:
 def report(
     recording: SensorRecording, scale: Scale, params: Params, *, has_mag: bool = True
 ) -> Report:
-    """What a recording says of a calibration."""
+    """The verdict of a recording on a calibration."""
     stops = find_stops(recording)
     is_seen = _are_apart(recording, stops)
     acc = affine_of(params.acc, scale.acc_m_s2).apply(recording.acc)
@@ -157,7 +157,7 @@ def _of_acc(acc: FloatArray, stops: list[StaticInterval]) -> Judged:
     tilt_deg = math.degrees(off / GRAVITY_M_S2)
     words = (
         f"gravity is off by {off / GRAVITY_M_S2 * 1000.0:.1f} mg at most, "
-        f"{tilt_deg:.2f} degrees of tilt"
+        f"a tilt error of {tilt_deg:.2f} degrees"
     )
     return tilt_deg < TILT_GOOD_DEG, words
 
@@ -207,14 +207,14 @@ def _of_mag(
     spread = max(np.ptp(norms) / np.mean(norms), np.ptp(dips)) / 2.0
     heading_deg = math.degrees(float(spread) / max(level, 0.1))
     words = (
-        f"the field is {min(norms):.1f} to {max(norms):.1f} uT and points down by "
+        f"the field is {min(norms):.1f} to {max(norms):.1f} uT and dips by "
         f"{math.degrees(min(dips)):.1f} to {math.degrees(max(dips)):.1f} degrees: "
-        f"about {heading_deg:.1f} degrees of heading"
+        f"a heading error of about {heading_deg:.1f} degrees"
     )
     if of is not None and of.norm_ut:
         change = float(np.mean(norms)) / of.norm_ut - 1.0
         if abs(change) > 0.1:
-            words += f"; it is {100.0 * change:+.0f} % of that when it was calibrated"
+            words += f"; it changed by {100.0 * change:+.0f} % since calibration"
         if dip_deg is not None and abs(change) > 0.1:
             words += ": another place, or iron nearby"
     return heading_deg < HEADING_GOOD_DEG, words

@@ -95,7 +95,7 @@ def weakness(wave: Wave | None, clipped: float = 0.0) -> CalibrationFault | None
     """
     if wave is None:
         return CalibrationFault(
-            "too_short", "there is too little to go by", "wave it for half a minute"
+            "too_short", "there are too few samples", "wave it for half a minute"
         )
     if wave.heading_deg <= HEADING_MAX_DEG:
         return of_magnets(wave.mag)
@@ -104,8 +104,8 @@ def weakness(wave: Wave | None, clipped: float = 0.0) -> CalibrationFault | None
         or of_field(wave.mag, wave.heading_deg)
         or CalibrationFault(
             "weak_heading",
-            f"heading would be +-{wave.heading_deg:.1f} degrees",
-            "turn it further: on its head, on each side",
+            f"the heading error would be +-{wave.heading_deg:.1f} degrees",
+            "turn it further: upside down, on each side",
         )
     )
 
@@ -125,8 +125,8 @@ def _of_motion(wave: Wave, clipped: float) -> CalibrationFault | None:
         why = f"the accelerometer is off by {off_mg:.0f} mg or more"
     elif level > HEADING_MAX_DEG * LEVEL_SHARE:
         why = (
-            "the accelerometer is not calibrated: its tilt of "
-            f"+-{wave.tilt_deg:.1f} degrees alone makes heading +-{level:.1f}"
+            "the accelerometer is not calibrated: its tilt error of "
+            f"+-{wave.tilt_deg:.1f} degrees alone turns the heading by +-{level:.1f}"
         )
     if why:
         cure = "calibrate all sensors together, which takes no longer: imud calibrate"
@@ -134,8 +134,8 @@ def _of_motion(wave: Wave, clipped: float) -> CalibrationFault | None:
     if wave.rest_deg_s > REST_DEG_S:
         return CalibrationFault(
             "no_rest",
-            "it never lay still, so that the gyroscope's bias is known to "
-            f"{wave.rest_deg_s:.1f} deg/s only",
+            "it never lay still, so the gyroscope's bias is known only to "
+            f"{wave.rest_deg_s:.1f} deg/s",
             "lay it still for three seconds first",
         )
     return None
@@ -219,7 +219,7 @@ class Waving:
         weak = weakness(self.wave, self._gatherer.clipped_share)
         if weak is not None or self.wave is None:
             return weak or CalibrationFault(
-                "too_short", "there is too little to go by", "go on"
+                "too_short", "there are too few samples", "keep waving it"
             )
         return self.wave
 
@@ -230,8 +230,8 @@ class Waving:
 
     @property
     def instruction(self) -> str:
-        """What to do, and how good it is."""
-        words = "Wave it about: on its head, on each side, slowly round and round."
+        """The instruction, and the expected error so far."""
+        words = "Wave it slowly in all directions: upside down, on each side."
         if self.wave is None:
             return words
-        return f"{words} Heading +-{self.wave.heading_deg:.1f} degrees."
+        return f"{words} Heading error +-{self.wave.heading_deg:.1f} degrees."

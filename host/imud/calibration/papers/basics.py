@@ -32,7 +32,7 @@ def normalised(matrix: FloatArray) -> FloatArray:
     """The same matrix with the determinant 1; MethodError if that can't be."""
     size = float(np.linalg.det(matrix))
     if not math.isfinite(size) or size <= 0.0:
-        raise MethodError("the readings are no ellipsoid: turn the probe further")
+        raise MethodError("the readings form no ellipsoid: turn the probe further")
     return np.asarray(matrix / np.cbrt(size))
 
 

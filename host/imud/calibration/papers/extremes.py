@@ -77,6 +77,6 @@ def fit(readings: FloatArray, *, as_printed: bool = False) -> Affine:
         extremes.stretch(reading)
     found = extremes.found()
     if found is None:
-        raise MethodError("the magnetometer did not change: turn the probe")
+        raise MethodError("the magnetometer's readings did not change: turn the probe")
     size = np.cbrt(np.linalg.det(found.matrix))
     return Affine(found.matrix / size, found.bias)

@@ -82,5 +82,5 @@ def _half_turn(
         if HALF_TURN[0] < angle < HALF_TURN[1]:
             return first, last
     raise MethodError(
-        "on each of its six sides the probe needs a half turn where it lies"
+        "turn the probe by 180 degrees on the spot on each of its six sides"
     )

@@ -64,7 +64,7 @@ def by_method(
         return half_turns.fit(recording, stops)
     there = recording.mag[np.isfinite(recording.mag[:, 0])]
     if len(there) == 0:
-        raise MethodError("there are no readings of the magnetometer")
+        raise MethodError("there are no magnetometer readings")
     is_printed = method == "extremes-as-printed"
     return MethodResult(mag=extremes.fit(there, as_printed=is_printed))
 

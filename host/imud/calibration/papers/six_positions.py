@@ -85,7 +85,7 @@ def ellipsoid(readings: FloatArray, *, as_printed: bool = False) -> Affine:
     )
     lengths, axes = np.linalg.eigh(form)
     if lengths.min() <= 0.0:
-        raise MethodError("the readings are no ellipsoid: turn the probe further")
+        raise MethodError("the readings form no ellipsoid: turn the probe further")
     centre = np.linalg.solve(form, p[5:8])
     matrix = np.diag(np.sqrt(lengths)) @ axes.T
     if not as_printed:

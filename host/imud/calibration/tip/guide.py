@@ -117,7 +117,7 @@ class Dimpling:
         if self._gatherer.clipped > clipped and self.phase == "wobble":
             self._again(
                 CalibrationFault(
-                    "clipped", "a sensor was at the end of its range", "knock less"
+                    "clipped", "a sensor was at the end of its range", "do not knock it"
                 )
             )
         if len(self._gatherer) < self._looked + look:
@@ -136,9 +136,7 @@ class Dimpling:
         is_whole = recording.is_whole(self._begin, len(recording))
         if self.phase == "wobble" and not is_whole:
             self._again(
-                CalibrationFault(
-                    "gap", "samples are missing", "see what imud list says"
-                )
+                CalibrationFault("gap", "samples are missing", "check with imud list")
             )
         rate = self._gyr.apply(recording.gyr[-held:])
         force = self._acc.apply(recording.acc[-held:])
@@ -210,7 +208,7 @@ class Dimpling:
         if weak is not None or self.fit is None:
             self.phase = "refused"
             return weak or CalibrationFault(
-                "too_short", "there is too little", "begin again"
+                "too_short", "there are too few samples", "start again"
             )
         self.phase = "done"
         sigma = score_of(self.fit, self._trust).sigma_m
@@ -220,8 +218,8 @@ class Dimpling:
         if self.fit is None or self.swing is None or self.seconds < SURE_S:
             return CalibrationFault(
                 "too_short",
-                f"{self.seconds:.0f} s of wobbling are too little",
-                f"wobble it for {LEAST_S:.0f} s about a tip that stays where it is",
+                f"{self.seconds:.0f} s of wobbling are too short",
+                f"wobble it for {LEAST_S:.0f} s and keep the tip in its place",
             )
         return weakness(self.fit, self.swing, self._trust)
 

@@ -67,7 +67,7 @@ def pivot(places: FloatArray, attitudes: FloatArray, error_m: float) -> Offset:
     eye = np.broadcast_to(np.eye(3), (count, 3, 3))
     slopes = np.concatenate([eye, -attitudes], axis=2).reshape(-1, 6)
     if np.linalg.svd(slopes, compute_uv=False)[-1] < 0.02 * math.sqrt(count):
-        raise MethodError("the attitudes are too much alike: lean it in two directions")
+        raise MethodError("the attitudes are too similar: lean it in two directions")
     found = np.linalg.lstsq(slopes, places.ravel(), rcond=None)[0]
     left = places.ravel() - slopes @ found
     error = max(error_m, _spread(left, 3 * count - 6))

@@ -66,27 +66,27 @@ def weakness(fit: DimpleFit, swing: Swing, trust: Trust) -> CalibrationFault | N
     """Why a wobble is not good enough; None if it is."""
     is_rough = fit.residual_m_s2 > RESIDUAL_MAX * fit.noise_m_s2
     if is_rough and trust.share == Trust().share:
-        return _weak("the tip can't be told from this wobble", swing, trust)
+        return _weak("this wobble does not show the tip's position", swing, trust)
     if is_rough:
         return CalibrationFault(
             "slips",
-            f"the tip slips or something knocks: {fit.residual_m_s2:.3f} m/s2 are left "
-            f"over, {fit.noise_m_s2:.3f} are noise",
+            f"the tip slips or is knocked: the residual is {fit.residual_m_s2:.3f} "
+            f"m/s2, the noise {fit.noise_m_s2:.3f}",
             "press it into a dimple that holds it, and wobble it smoothly",
         )
     if fit.give > GIVE_MAX:
         return CalibrationFault(
             "base_gives",
-            "the base gives: it moves along with the tip",
+            "the base is soft: it moves with the tip",
             "stand the tip on metal, stone or hard wood, in a punch mark",
         )
     score = score_of(fit, trust)
     if not score.is_good:
         return _weak(
-            f"the tip would be +-{1000.0 * score.score_m:.1f} mm", swing, trust
+            f"the tip's error would be +-{1000.0 * score.score_m:.1f} mm", swing, trust
         )
     if fit.give_sigma * float(np.linalg.norm(fit.offset_m)) > GIVE_SIGMA_M:
-        return _weak("whether the base gives can't be told yet", swing, trust)
+        return _weak("it is not clear yet whether the base moves", swing, trust)
     return None
 
 
@@ -107,13 +107,13 @@ def _weak(found: str, swing: Swing, trust: Trust) -> CalibrationFault:
     if swing.hz < WEAK_HZ:
         return CalibrationFault(
             "slow",
-            f"{found}: {swing.hz:.1f} wobbles a second are slow",
+            f"{found}: {swing.hz:.1f} wobbles a second are too slow",
             "wobble it faster, about once a second",
         )
     if swing.degrees < WEAK_DEG:
         return CalibrationFault(
             "small",
-            f"{found}: {swing.degrees:.0f} degrees to each side are little",
+            f"{found}: {swing.degrees:.0f} degrees to each side are too little",
             "lean it further, 20 to 30 degrees to each side",
         )
-    return CalibrationFault("short", found, "wobble on, a little faster and further")
+    return CalibrationFault("short", found, "wobble it longer, faster and further")
