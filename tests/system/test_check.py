@@ -56,7 +56,7 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, str], str]] = {
     "an unknown chip": (
         {"kind": "wrong_who_am_i", "value": 0xFF},
         {"sensor bus": "fault", "inertial chip": "fault"},
-        "see the row of the inertial chip",
+        "see the row: inertial chip",
     ),
     "a weak gyroscope": (
         {"kind": "gyr_self_test"},
@@ -76,7 +76,7 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, str], str]] = {
     "a weak supply": (
         {"kind": "brown_out", "at_us": 6_000_000},
         {"start": "fault"},
-        "the supply breaks down",
+        "the supply drops out",
     ),
     "a reset": (
         {"kind": "reset", "at_us": 6_000_000},
@@ -91,12 +91,12 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, str], str]] = {
     "nano: a register that changes": (
         {"kind": "register_flip", "at_us": 6_000_000, "reg": 0x1C, "value": 0},
         {"configuration": "fault", "missed samples": "look at this"},
-        "a register changed by itself",
+        "a register lost its value",
     ),
     "f405: a register that changes": (
         {"kind": "register_flip", "at_us": 6_000_000, "reg": 0x23, "die": 1},
         {"configuration": "fault", "missed samples": "look at this"},
-        "a register changed by itself",
+        "a register lost its value",
     ),
     "nano: a magnetometer that hung": (
         {"kind": "mag_hung"},

@@ -127,11 +127,11 @@ def _named(seen: dict[int, tuple[int, int]]) -> str:
             parts.append(f"{AXES[asked]} and {AXES[axis]} are swapped")
         elif axis != asked and seen.get(axis, (asked, 1))[0] != asked:
             parts.append(f"{AXES[axis]} is where {AXES[asked]} should be")
-    return ", ".join(parts) or "axes are turned"
+    return ", ".join(parts) or "axes are rotated"
 
 
 def _cure(seen: dict[int, tuple[int, int]]) -> str:
-    again = "Lay it again, to be sure that the poses were right"
+    again = "Repeat the poses to make sure that they were right"
     if len(seen) == 3:
         matrix = np.zeros((3, 3))
         for asked, (axis, sign) in seen.items():
@@ -139,10 +139,10 @@ def _cure(seen: dict[int, tuple[int, int]]) -> str:
         if round(float(np.linalg.det(matrix))) == 1:
             return (
                 f"{again}. If they were, the module is turned in its housing: mount it "
-                "as docs/check.md shows, or let imud calibrate find the turn"
+                "as docs/check.md shows, or let imud calibrate find out"
             )
         return (
-            f"{again}. If they were, no mounting explains it: a chip with mirrored "
-            "axes, or a fault of the firmware. Please report it, with this"
+            f"{again}. If they were, no mounting explains it: the chip's axes are "
+            "mirrored, or the firmware has a fault. Please send this report"
         )
-    return f"{again}, and lay all three"
+    return f"{again}, and do all three"

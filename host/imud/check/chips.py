@@ -40,7 +40,7 @@ BY_DRIVER = ("lsm9ds0", "lsm6dsox")
 
 
 def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
-    """Of the bus, the inertial die, its registers and the self-test."""
+    """The rows on the bus, the inertial die, its registers and the self-test."""
     yield _bus(evidence, len(samples))
     yield _identity(evidence)
     yield _configuration(evidence)
@@ -50,7 +50,7 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
 
 
 def is_dead(evidence: Evidence) -> bool:
-    """Whether no samples come, or none come any more."""
+    """Whether no samples arrive, from the start or from some time on."""
     no_sensor = evidence.hello.get("sensor") == "none"
     return no_sensor or evidence.counters.get("state") == "fault"
 
@@ -71,12 +71,12 @@ def _bus(evidence: Evidence, count: int) -> Row:
     if is_dead(evidence):
         measured = f"samples stopped after {count}" if count else "no samples"
         measured += f" ({cause})" if cause else ""
-        advice = _cure(evidence, often) or "see the other rows, and check its wires"
+        advice = _cure(evidence, often) or "see the other rows, and check the wiring"
         if often[1] in OF_IDENTITY:
-            advice = "see the row of the inertial chip"
+            advice = "see the row: inertial chip"
         return Row("sensor bus", measured, normal, RowVerdict.FAULT, advice, numbers)
     if count == 0:
-        advice = 'raw samples are needed: streams = ["pose", "raw"] of the probe'
+        advice = 'the probe sends no raw samples: set streams = ["pose", "raw"]'
         return Row("sensor bus", "no samples", normal, RowVerdict.LOOK, advice, numbers)
     if not total and not reported:
         measured = f"{count} samples, no failed transfers"
@@ -87,8 +87,8 @@ def _bus(evidence: Evidence, count: int) -> Row:
         f"{total} failed transfers since the start{words}, {recovered} recoveries"
     )
     advice = (
-        "it works, but not always: shorter wires (below 20 cm), better contacts, a "
-        "level shifter at 5 V, one pair of pull-ups"
+        "the bus is unreliable: use shorter wires (below 20 cm), better contacts, a "
+        "level shifter at 5 V, and only one pair of pull-ups"
     )
     if often[0] == "sensor_fault":
         advice = _cure(evidence, often) or advice
@@ -97,7 +97,7 @@ def _bus(evidence: Evidence, count: int) -> Row:
 
 
 def _cure(evidence: Evidence, kind: tuple[str, str]) -> str:
-    """What the journal says of the last event of a kind."""
+    """The journal's advice about the last event of a kind."""
     details = [t.detail for t in evidence.events if (t.event, t.cause) == kind]
     # The detail of a bus fault is how often it came in a row.
     detail = details[-1] if details and kind[0] == "sensor_fault" else 0
@@ -123,8 +123,8 @@ def _identity(evidence: Evidence) -> Row:
     if identity in usual.get(hello["sensor"], NINE_AXES):
         return Row("inertial chip", measured, normal, RowVerdict.GOOD, "", numbers)
     advice = (
-        "not an MPU-9250's identity: it behaves like one, but its limits may differ. "
-        "Please report what the module was sold as, with this"
+        "an unknown identity: the chip works like an MPU-9250, but its limits may "
+        "differ. Please send this report, and say what the module was sold as"
     )
     if identity == MPU6500 and not second:
         advice = "an MPU-6500, often sold as an MPU-9250: it works, without heading"
@@ -142,8 +142,8 @@ def _configuration(evidence: Evidence) -> Row:
     named = ", ".join(f"0x{number:02X}" for number in numbers)
     measured = f"{len(reported)} differences, register {named}"
     advice = (
-        "a register changed by itself: the sensor's supply breaks down for a moment "
-        "(capacitors, cable, contacts); the probe sets the sensor up again each time"
+        "a register lost its value: the sensor's supply drops out briefly (check "
+        "capacitors, cable and contacts); the probe sets the sensor up again each time"
     )
     return Row(
         "configuration",
@@ -162,16 +162,16 @@ def _self_test(evidence: Evidence) -> Iterator[Row]:
         return
     verdicts = evidence.verdicts()
     if not verdicts:
-        yield skipped("self-test", "passed", "the probe runs none")
+        yield skipped("self-test", "passed", "the probe has no self-test")
     is_by_driver = evidence.hello["sensor"] in BY_DRIVER
     for found in verdicts:
         outcome, advice = RowVerdict.GOOD, ""
         if found.outcome is SelfTestOutcome.FAILED:
             outcome = RowVerdict.FAULT
             advice = (
-                f"the {found.sensor} does not answer its own stimulus as it should: "
-                "power it off and on, check again at rest; if it fails again, the chip "
-                "is broken or counterfeit"
+                f"the {found.sensor}'s response to its own stimulus is out of limits: "
+                "power it off and on, and check again at rest; if it fails again, the "
+                "chip is broken or counterfeit"
             )
         elif found.outcome is SelfTestOutcome.NOT_JUDGED:
             outcome = RowVerdict.SKIPPED
@@ -200,15 +200,13 @@ def _range(evidence: Evidence, samples: Samples) -> Row:
     counts = np.linalg.norm(np.median(samples.acc, axis=0))
     force_g = float(counts) * evidence.hello["acc_lsb"] / GRAVITY_M_S2
     follows = follows_range(responses, force_g)
-    measured = (
-        f"{responses.force_g:.2f} g at 2 g full scale, {force_g:.2f} g at its own"
-    )
+    measured = f"{responses.force_g:.2f} g at 2 g full scale, {force_g:.2f} g as set"
     if follows is None:
-        return skipped(name, normal, "it moved while it started")
+        return skipped(name, normal, "it moved during start-up")
     if follows:
         return Row(name, measured, normal, RowVerdict.GOOD)
     advice = (
-        "readings do not follow the range register: a counterfeit, or another chip. "
-        "Accelerations are wrong by a constant factor; use another module"
+        "readings do not follow the range register: the chip is a counterfeit, or "
+        "another one. Accelerations are wrong by a constant factor; use another module"
     )
     return Row(name, measured, normal, RowVerdict.FAULT, advice)

@@ -28,7 +28,7 @@ CALIBRATED_UT = 1.0  # params move the field by more
 
 
 def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
-    """Nothing on a sensor that is not there: the row of the bus says why."""
+    """One row alone if there is no sensor: the row of the bus gives the reason."""
     if is_dead(evidence):
         yield skipped(NAME, NORMAL, "no sensor")
         return
@@ -58,7 +58,7 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
     causes = evidence.causes_of("sensor_fault")
     if causes["mag_stuck"]:
         words = fault_words("sensor_fault", "mag_stuck", 0)
-        return fault("holds its bus, or answers damaged", words)
+        return fault("blocks its bus, or sends corrupt answers", words)
     if missing := missing_magnetometer(hello):
         is_there = identity in (*NINE_AXES, LSM9DS0)
         return fault("does not answer" if is_there else "none", missing)
@@ -70,7 +70,7 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
     still = np.ptp(samples.mag[fresh], axis=0) == 0
     if still.all() and fresh.sum() > 50:
         return fault(
-            "its numbers never change",
+            "its readings never change",
             "the magnetometer has hung: power the module off and on",
         )
     measured = f"0x{second:02X}, {rate_hz:.0f} readings a second"
@@ -79,10 +79,10 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
         return fault(f"axis {axes} never changes", "the magnetometer is broken")
     if samples.flags["mag_overflow"]:
         measured += f", {samples.flags['mag_overflow']} overflows"
-        advice = "a magnet is close to it: take it away"
+        advice = "a magnet is too close: remove it"
         return Row(NAME, measured, NORMAL, RowVerdict.LOOK, advice, numbers)
     if seconds > 2 and rate_hz < RATE_MIN_HZ:
-        advice = "it measures too seldom: power the module off and on"
+        advice = "it measures too rarely: power the module off and on"
         return Row(NAME, measured, NORMAL, RowVerdict.LOOK, advice, numbers)
     return Row(NAME, measured, NORMAL, RowVerdict.GOOD, "", numbers)
 

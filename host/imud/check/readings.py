@@ -128,10 +128,10 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
     yield _saturation(samples)
     yield _temperature(samples)
     if evidence.causes_of("sensor_fault")["registers"]:
-        yield skipped("rest", "registers as set", "a register was wrong meanwhile")
+        yield skipped("rest", "registers as set", "a register was wrong")
         return
     if seconds < REST_MIN_S:
-        yield skipped("rest", f"{REST_MIN_S:g} s at least", f"{seconds:.1f} s in all")
+        yield skipped("rest", f"{REST_MIN_S:g} s at least", f"{seconds:.1f} s in total")
         return
     if not rest.is_enough:
         yield Row(
@@ -167,8 +167,8 @@ def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -
             AXES[i] for i, each in enumerate(verdicts) if each is not RowVerdict.GOOD
         ]
         advice = (
-            f"{', '.join(loud)} noisier than normal: a table that shakes, a supply "
-            "without capacitors, or a bad chip"
+            f"more noise than normal on {', '.join(loud)}: the table shakes, the "
+            "supply lacks capacitors, or the chip is bad"
         )
     measured = f"{_axes(noise, digits)} {unit} rms"
     normal = f"{limit:g} {unit} rms, up to {limit * NOISE_GOOD:g} is good"
@@ -181,8 +181,8 @@ def _gyr_offset(rest: RestReadings, chip: Chip) -> Row:
     advice = ""
     if verdict is not RowVerdict.GOOD:
         advice = (
-            f"an offset beyond what {chip.source} allows: was it still? The probe "
-            "takes it away at each start, but it tells of a bad or counterfeit chip"
+            f"the offset exceeds the limit of {chip.source}: did it move? The probe "
+            "subtracts it at each start, but it hints at a bad or counterfeit chip"
         )
     measured = f"{_axes(rest.gyr_dps, 2)} deg/s"
     normal = f"± {limit:g} deg/s"
@@ -199,8 +199,8 @@ def _acc_offset(rest: RestReadings, chip: Chip) -> Row:
     reach = math.hypot(*chip.acc_offset_mg)
     if math.hypot(force[0], force[1]) > FLAT_MG or force[2] < 0:
         verdict = graded(length - 1000.0, reach + scale_mg, 500.0)
-        measured = f"{_axes(force, 0)} mg, {length:.0f} mg in all"
-        normal = f"1000 ± {reach + scale_mg:.0f} mg in all"
+        measured = f"{_axes(force, 0)} mg, {length:.0f} mg in total"
+        normal = f"1000 ± {reach + scale_mg:.0f} mg in total"
     else:
         off = force - np.array([0.0, 0.0, 1000.0])
         slope = limits.SLOPE_MG
@@ -213,8 +213,8 @@ def _acc_offset(rest: RestReadings, chip: Chip) -> Row:
     if verdict is not RowVerdict.GOOD:
         advice = (
             "the resting force is not gravity: did it lie base down on a level table? "
-            "If so, imud calibrate takes the offset away; far off, the chip is broken "
-            "or does not use the range that is set"
+            "If so, imud calibrate removes the offset; if it is large, the chip is "
+            "broken or ignores its range setting"
         )
     return Row(name, measured, normal, verdict, advice, numbers)
 
@@ -233,8 +233,7 @@ def _stuck(samples: Samples) -> Row:
         return Row("stuck axes", "none", normal, RowVerdict.GOOD)
     measured = ALL if len(stuck) == 6 else ", ".join(stuck)
     advice = (
-        "numbers that do not change: the chip has hung (power it off and on) or is "
-        "broken"
+        "readings do not change: the chip has hung (power it off and on) or is broken"
     )
     return Row("stuck axes", measured, normal, RowVerdict.FAULT, advice)
 
@@ -247,8 +246,8 @@ def _saturation(samples: Samples) -> Row:
     advice = ""
     if verdict is not RowVerdict.GOOD:
         advice = (
-            "a sensor was at the end of its range: was the probe knocked? At rest it "
-            "is a broken axis"
+            "a sensor was at the end of its range: was the probe knocked? If it "
+            "was at rest, an axis is broken"
         )
     measured = f"{count} of {len(samples)} samples"
     return Row("saturation", measured, "0", verdict, advice, {"samples": count})
@@ -264,14 +263,14 @@ def _temperature(samples: Samples) -> Row:
             "no reading",
             normal,
             RowVerdict.LOOK,
-            "the chip gives no temperature: calibrations can't be corrected for it",
+            "the chip reports no temperature: calibrations can't be corrected for it",
         )
     degc = float(np.median(found))
     verdict, advice = RowVerdict.GOOD, ""
     if not low <= degc <= high:
         is_odd = not limits.SPECIFIED_DEGC[0] <= degc <= limits.SPECIFIED_DEGC[1]
         verdict = RowVerdict.FAULT if is_odd else RowVerdict.LOOK
-        advice = "not what a die has in a room: a chip that is hot, or not genuine"
+        advice = "unusual for a chip in a room: it is hot, or not genuine"
     measured = f"{degc:.1f} degC"
     return Row(
         "temperature", measured, normal, verdict, advice, {"degc": round(degc, 2)}
@@ -289,7 +288,7 @@ def _supply(evidence: Evidence) -> Row:
     flags = (evidence.equipment or {}).get("power") or ()
     if not low <= supply_mv <= high:
         verdict = RowVerdict.FAULT if supply_mv < least else RowVerdict.LOOK
-        advice = "the supply is out of bounds: another cable, USB port or regulator"
+        advice = "out of range: try another cable, USB port or regulator"
     if "low" in flags or evidence.causes_of("battery_low"):
         verdict, advice = RowVerdict.FAULT, "the battery is empty: charge it"
     measured = f"{supply_mv / 1000:.2f} V"

@@ -17,7 +17,7 @@ MISSING = 1.5
 
 
 def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
-    """Nothing is judged without samples: the row of the bus says why there are none."""
+    """Not judged without samples: the row of the bus gives the reason."""
     if len(samples) < 10:
         yield skipped("sample rate", "as set", "no samples")
         return
@@ -43,8 +43,8 @@ def _rate(evidence: Evidence, samples: Samples) -> Row:
     advice = ""
     if verdict is not RowVerdict.GOOD:
         advice = (
-            "samples do not come evenly: check the wire from the sensor's data-ready "
-            "pin (INT, DRDY_G), and whether the chip is genuine"
+            "samples are not evenly spaced: check the wire from the sensor's "
+            "data-ready pin (INT, DRDY_G), and whether the chip is genuine"
         )
     measured = f"{rate_hz:.2f} Hz, jitter {jitter_us:.0f} us"
     numbers = {"rate_hz": round(rate_hz, 3), "jitter_us": round(jitter_us, 1)}
@@ -60,7 +60,7 @@ def _missing(evidence: Evidence, samples: Samples) -> Row:
     if gaps or overruns:
         verdict = RowVerdict.LOOK
         advice = (
-            "samples were missed at the sensor: see the row of the bus; overruns alone "
-            "are work that takes longer than a sample, please report them"
+            "the probe missed samples, see the row: sensor bus; overruns alone mean "
+            "that processing took longer than a sample: please report them"
         )
     return Row("missed samples", measured, "0", verdict, advice, numbers)

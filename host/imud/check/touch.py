@@ -49,15 +49,15 @@ def rows(evidence: Evidence) -> Iterator[Row]:
     else:
         where = PINS.get(board, "as wired")
         advice = (
-            f"no press was seen: check the button {where}. A probe works without it"
+            f"no press was detected: check the button {where}. A probe works without it"
         )
         yield Row("button", "no press", normal, RowVerdict.LOOK, advice)
     state = str(evidence.counters.get("state"))
     shows = led_words(board, state)
     if evidence.led is None:
-        yield skipped("LED", shows, "look yourself")
+        yield skipped("LED", shows, "not answered")
     elif evidence.led:
         yield Row("LED", "as it should", shows, RowVerdict.GOOD)
     else:
-        advice = "the LED is broken, or on another pin of this clone"
-        yield Row("LED", "otherwise", shows, RowVerdict.LOOK, advice)
+        advice = "the LED is broken, or this clone has it on another pin"
+        yield Row("LED", "different", shows, RowVerdict.LOOK, advice)

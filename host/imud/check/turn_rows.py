@@ -78,7 +78,7 @@ def _row(name: str, of: TurnMeasured, wanted_deg: float, laid_deg: float) -> Row
         "sigma_deg": None if of.sigma_deg is None else round(of.sigma_deg, 3),
         "laid_sigma_deg": laid_deg,
     }
-    measured = f"{of.turned_deg:.2f} degrees, error not known"
+    measured = f"{of.turned_deg:.2f} degrees, error unknown"
     normal = f"{wanted_deg:g} degrees"
     if of.sigma_deg is None:
         return Row(name, measured, normal, RowVerdict.LOOK, of.unknown, numbers)
@@ -95,19 +95,18 @@ def _row(name: str, of: TurnMeasured, wanted_deg: float, laid_deg: float) -> Row
 
 
 _ADVICE = {
-    "turn by its poses": "poses are wrong by more than they state: repeat it, and "
-    "calibrate again if it stays so (imud calibrate)",
-    "turn by the gyroscope": "its scale is not that of the calibration, or it is "
-    "another module: imud calibrate",
-    "turn by gravity and field": "repeat it away from iron; if it stays so, the "
-    "calibration of the accelerometer or magnetometer no longer holds: imud calibrate",
-    "turn by gravity": "the calibration of the accelerometer no longer holds: "
-    "imud calibrate acc",
+    "turn by its poses": "the error exceeds the stated one: repeat the turn, and "
+    "calibrate again if it remains so (imud calibrate)",
+    "turn by the gyroscope": "its scale differs from the calibration, or the "
+    "module was replaced: imud calibrate",
+    "turn by gravity and field": "repeat the turn away from iron; if the error "
+    "remains, accelerometer or magnetometer need a new calibration: imud calibrate",
+    "turn by gravity": "the accelerometer needs a new calibration: imud calibrate acc",
 }
 
 
 def _laid_otherwise(turns: Sequence[TurnMeasured], judged: Sequence[Row]) -> str:
-    """All measurements agree on another turn: then it was laid so."""
+    """The advice if all measurements agree on another turn; else empty."""
     known = [(of.turned_deg, of.sigma_deg) for of in turns if of.sigma_deg is not None]
     if len(known) < 3 or any(row.verdict is not RowVerdict.FAULT for row in judged):
         return ""
@@ -127,7 +126,7 @@ def by_poses(seen: TurnSeen) -> TurnMeasured:
     if since is None or since.void is not None:
         why = since.void if since is not None else "starting"
         return TurnMeasured(
-            degrees_of(turn), None, f"its poses were lost ({why}): repeat it"
+            degrees_of(turn), None, f"its orientation was lost ({why}): repeat it"
         )
     share = _share_about_up(turn)
     heading, tilt = since.heading_sigma_deg, since.tilt_sigma_deg
@@ -136,7 +135,7 @@ def by_poses(seen: TurnSeen) -> TurnMeasured:
         return TurnMeasured(
             degrees_of(turn),
             None,
-            "its poses state no error: imud list says why; calibrate it first "
+            "its poses have no stated error: see imud list; calibrate it first "
             "(imud calibrate)",
         )
     return TurnMeasured(degrees_of(turn), _about(share, heading or 0.0, tilt or 0.0))
@@ -170,7 +169,7 @@ def by_gyroscope(seen: TurnSeen, scale: Scale, params: Params) -> TurnMeasured:
     turns = (rate[start:end] + rate[start + 1 : end + 1]) / 2.0 * steps_s[:, None]
     turned_deg = degrees_of(rotation.from_matrix(integrated(turns, 1.0)[-1]))
     if steps_s.max() > MISSING * np.median(steps_s):
-        return TurnMeasured(turned_deg, None, "samples were lost meanwhile: repeat it")
+        return TurnMeasured(turned_deg, None, "samples were lost: repeat the turn")
     sigma = params.gyr.sigma if params.gyr is not None else None
     if sigma is None:
         return TurnMeasured(turned_deg, None, "not calibrated: imud calibrate")
@@ -216,8 +215,8 @@ def by_field(
 def by_gravity(
     seen: TurnSeen, scale: Scale, params: Params, tilt_deg: float | None
 ) -> TurnMeasured:
-    """The angle between both directions of gravity: a turn about the vertical has none,
-    and is not seen.
+    """The angle between both directions of gravity, in which a turn about the vertical
+    does not show.
     """
     acc = affine_of(params.acc, scale.acc_m_s2)
     first, second = (units(acc.apply(rest.acc * scale.acc_m_s2)) for rest in seen.rests)
@@ -233,7 +232,7 @@ def by_gravity(
         return TurnMeasured(
             math.degrees(turned),
             None,
-            "without a magnetometer it sees only turns about a level axis",
+            "without a magnetometer it measures only turns about a level axis",
         )
     return TurnMeasured(math.degrees(turned), tilt_deg)
 
@@ -274,17 +273,17 @@ def _gravity_row(seen: TurnSeen, scale: Scale, params: Params) -> Row:
     normal = f"{GRAVITY_M_S2:.3f} ± {limit:.3f} m/s2"
     if max(abs(length - GRAVITY_M_S2) for length in lengths) <= limit:
         return Row("gravity", measured, normal, RowVerdict.GOOD, "", numbers)
-    advice = "the calibration of the accelerometer no longer holds: imud calibrate acc"
+    advice = "the accelerometer needs a new calibration: imud calibrate acc"
     return Row("gravity", measured, normal, RowVerdict.FAULT, advice, numbers)
 
 
-def given_up(guide: TurnGuide) -> Row:
-    """The table where a rest did not come."""
-    what = "turn and lay it again" if guide.has_first else "lay it still"
+def timed_out(guide: TurnGuide) -> Row:
+    """The row if a rest did not come in time."""
+    what = "turn it, lay it down" if guide.has_first else "lay it down"
     return Row(
         "turn by its poses",
         f"it did not lie still within {TIMEOUT_S:g} s",
         f"{guide.wanted_deg:g} degrees",
         RowVerdict.LOOK,
-        f"{what}, and let go; begin again",
+        f"start again: {what} and let go",
     )

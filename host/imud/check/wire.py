@@ -61,8 +61,8 @@ def _latency(samples: Samples) -> Row:
     advice = ""
     if verdict is not RowVerdict.GOOD:
         advice = (
-            "samples arrive late: a busy host, a hub, or an adapter that gathers bytes "
-            "(its latency timer)"
+            "samples arrive late: the host is busy, or a hub or the adapter (its "
+            "latency timer) delays them"
         )
     measured = f"{median:.1f} ms from sample to host, 99 % {late:.1f} ms"
     numbers = {"median_ms": round(median, 2), "p99_ms": round(late, 2)}
@@ -91,11 +91,12 @@ def _losses(evidence: Evidence) -> Row:
     if any(numbers.values()):
         verdict = RowVerdict.LOOK
         advice = (
-            "bytes are lost between probe and host: another cable or USB port, no hub; "
-            "another program that has the port open (screen, the Arduino IDE)"
+            "bytes are lost between probe and host: try another cable or USB port, "
+            "without a hub, and close other programs that have the port open (screen, "
+            "the Arduino IDE)"
         )
         if dropped and not corrupt:
-            advice = "the wire is too slow for what is sent: imud sends all raw samples"
+            advice = "the link is too slow for all raw samples, which the check needs"
     return Row("messages lost", measured, "0", verdict, advice, numbers)
 
 
@@ -143,12 +144,12 @@ def _clock(evidence: Evidence, samples: Samples) -> Row:
             "runs from the processor's internal oscillator",
             normal,
             RowVerdict.FAULT,
-            "the crystal does not run: a bad solder joint, or a broken crystal; the "
-            "probe works, its times are right to 1 %",
+            "the crystal does not run: a solder joint is bad, or it is broken; the "
+            "probe works, but its times are accurate only to 1 %",
         )
     found = clock_ppm(samples)
     if found is None:
-        return skipped("clock", normal, "no times of the host to compare with")
+        return skipped("clock", normal, "no host times to compare with")
     ppm, bound = found
     doubt = bound or 0.0
     good = limits.RESONATOR_PPM if may_resonate else limits.CRYSTAL_PPM
@@ -162,8 +163,8 @@ def _clock(evidence: Evidence, samples: Samples) -> Row:
     advice = ""
     if verdict is not RowVerdict.GOOD:
         advice = (
-            "the board's clock is not what it should be: does the firmware fit the "
-            "crystal, and do the fuses select it (docs/nano.md)? imud corrects times"
+            "the board's clock is off: does the firmware fit the crystal, and do the "
+            "fuses select it (docs/nano.md)? imud corrects times"
         )
     measured = f"{ppm:+.0f} ppm" + ("" if bound is None else f" ± {bound:.0f}") + kind
     numbers = {
@@ -182,12 +183,12 @@ def _firmware(evidence: Evidence) -> Row:
     measured = f"{hello['board']}, {hello['firmware']}, schema {theirs:08x}"
     if theirs == schema.FINGERPRINT:
         return Row("firmware", measured, normal, RowVerdict.GOOD)
-    advice = "firmware and imud are of different versions: flash the image of this imud"
+    advice = "firmware and imud have different schemas: flash the matching image"
     return Row("firmware", measured, normal, RowVerdict.FAULT, advice)
 
 
 def _boots(evidence: Evidence) -> Row:
-    normal = "no restart while it is checked"
+    normal = "no restart during the check"
     boots = evidence.boots
     if not boots:
         return skipped("start", normal, "no hello was received")
@@ -200,15 +201,15 @@ def _boots(evidence: Evidence) -> Row:
     if not restarts and not hard:
         return Row("start", measured, normal, RowVerdict.GOOD)
     if restarts:
-        measured += f"; restarted while it was checked, {restarts} x"
+        measured += f"; restarts during the check: {restarts}"
     verdict = RowVerdict.FAULT if hard else RowVerdict.LOOK
     if "brown_out" in hard:
         advice = (
-            "the supply breaks down: another cable or USB port, no unpowered hub, and "
-            "check for a short on 5 V and 3.3 V"
+            "the supply drops out: try another cable or USB port, avoid unpowered "
+            "hubs, and check 5 V and 3.3 V for a short"
         )
     elif hard:
-        advice = "the firmware crashed: please report it, with this"
+        advice = "the firmware crashed: please send this report"
     else:
         advice = (
             "reset was pressed, or a program opened the port, which resets an Arduino "

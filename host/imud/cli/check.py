@@ -38,13 +38,13 @@ def add(commands: Commands) -> None:
         metavar="N",
         type=above_zero,
         default=30.0,
-        help="how long it measures at rest (default: %(default)g)",
+        help="seconds to measure at rest (default: %(default)g)",
     )
     parser.add_argument(
-        "--no-poses", action="store_true", help="leave out the poses on two sides"
+        "--no-poses", action="store_true", help="skip the poses on two sides"
     )
     parser.add_argument(
-        "--no-button", action="store_true", help="leave out the button and the LED"
+        "--no-button", action="store_true", help="skip the button and the LED"
     )
     _add_turn(parser)
     parser.add_argument(
@@ -62,7 +62,7 @@ def add(commands: Commands) -> None:
         dest="source",
         metavar="FILE",
         type=Path,
-        help="check what a log or a capture holds; no probe is needed",
+        help="check the samples in a log or capture; no probe is needed",
     )
     add_network(parser)
     parser.set_defaults(run=_run, parser=parser)
@@ -73,15 +73,15 @@ def _add_turn(parser: argparse.ArgumentParser) -> None:
         "--turn",
         metavar="DEG",
         type=_turn,
-        help="instead of all that: lay it, turn it by so many degrees about any axis, "
-        "lay it again; whether it measures that turn (docs/check.md)",
+        help="instead of these checks, check whether the probe measures a turn by this "
+        "angle about any axis (docs/check.md)",
     )
     parser.add_argument(
         "--laid",
         metavar="DEG",
         type=above_zero,
         default=0.2,
-        help="with --turn: how exactly you lay it, one sigma (default: %(default)g)",
+        help="with --turn: accuracy of your hand, one sigma (default: %(default)g)",
     )
 
 

@@ -43,16 +43,17 @@ def only_port(command: str) -> str:
     found = ours or others
     if not found:
         raise ProbeUnknown(
-            "no imud run, and no USB serial port: plug the board in, or name its port, "
-            f"as {command} /dev/ttyUSB0"
+            "imud run is not running, and there is no USB serial port; plug the board "
+            f"in, or name its port: {command} /dev/ttyUSB0"
         )
     if len(found) == 1:
         raise ProbeUnknown(
-            f"no imud run, and {found[0]} may be another program's; if it is the "
-            f"board's: {command} {found[0]}"
+            f"imud run is not running, and {found[0]} may be another program's; if it "
+            f"is the board's: {command} {found[0]}"
         )
     raise ProbeUnknown(
-        f"no imud run, and {len(found)} serial ports; name one: {', '.join(found)}"
+        f"imud run is not running, and there are {len(found)} serial ports; name one: "
+        f"{', '.join(found)}"
     )
 
 
@@ -86,7 +87,7 @@ class OwnDaemon:
     def __init__(self, port: str) -> None:
         if not Path(port).exists():
             raise PortNotFound(
-                f"{port} is not there; plug the board in, see ls /dev/tty*"
+                f"{port} does not exist; plug the board in, and see ls /dev/tty*"
             )
         self.port = port
         self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
@@ -161,7 +162,7 @@ class OwnDaemon:
         has_ended = self._process.poll() is not None
         if self._warned is None:
             if has_ended:
-                raise LinkError(f"imud run on {self.port} ended; see what it says")
+                raise LinkError(f"imud run on {self.port} ended; see its output")
             return
         warned_s, words = self._warned
         if has_ended or time.monotonic() - warned_s > WARNED_S:

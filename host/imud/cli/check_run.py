@@ -50,7 +50,7 @@ def live(args: argparse.Namespace) -> int:
                     if not args.no_button:
                         _touch(source, evidence, screen)
         except Quit:
-            sys.stderr.write("imud: given up; nothing was changed\n")
+            sys.stderr.write("imud: stopped; nothing was changed\n")
             return 1
     return _report(evidence, args, source.title)
 
@@ -64,7 +64,7 @@ def from_file(args: argparse.Namespace) -> int:
 def _measure(
     source: LiveMessages, evidence: Evidence, screen: CheckScreen, seconds: float
 ) -> None:
-    """At rest, for some seconds; a dead probe is only listened to."""
+    """Measures at rest, for some seconds; of a dead probe, only its messages."""
     source.begin(evidence)
     begin_s = time.monotonic()
     lay = "Lay it base down on a table and do not touch it"
@@ -82,11 +82,11 @@ def _measure(
 
 
 def _lay(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
-    """In the poses; the first is that in which it was measured."""
+    """Measures the poses; the first is the one of the measurement at rest."""
     hello = evidence.hello
     rest = rest_of(evidence, evidence.samples())
     if not rest.is_enough:
-        return  # noise would never let it be still
+        return  # noise would hide each rest
     scale = Scale(
         hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], hello["raw_rate"]
     )
@@ -101,8 +101,8 @@ def _lay(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
         if wanted is None:
             break
         words = f"Lay it {wanted.words}, and let go"
-        screen.line(f"{words} ({TIMEOUT_S:g} s; Enter leaves it out).")
-        screen.show(f"{words}. Enter leaves it out, q gives up", None, wanted)
+        screen.line(f"{words} ({TIMEOUT_S:g} s; Enter skips it).")
+        screen.show(f"{words}. Enter skips it, q stops", None, wanted)
         if item is not None:
             source.record(item, evidence)
             if item["type"] == "raw":
@@ -119,7 +119,7 @@ def _sample(item: dict[str, Any]) -> Sample:
 
 
 def _touch(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
-    """The button, then the LED."""
+    """Checks the button, then the LED."""
     evidence.button = False
     begin_s, before = time.monotonic(), len(evidence.events)
     words = "Press its button once"
@@ -132,7 +132,7 @@ def _touch(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> Non
             evidence.button = True
             break
         left_s = BUTTON_S - (time.monotonic() - begin_s)
-        screen.show(f"{words}: {left_s:.0f} s left. Enter leaves it out", None)
+        screen.show(f"{words}: {left_s:.0f} s left. Enter skips it", None)
         if screen.key() in ENTER:
             evidence.button = None
             break
@@ -143,7 +143,7 @@ def _touch(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> Non
 
 
 def _look(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
-    """Asks for the LED, once the state after the press is known."""
+    """Asks about the LED, once the state after the press is known."""
     begin_s = time.monotonic()
     for item in source.items():
         if item is not None:

@@ -144,8 +144,8 @@ class LiveMessages:
             except queue.Empty:
                 if time.monotonic() - heard_s > SILENT_S:
                     raise NoReply(
-                        f"nothing came from probe {self._probe} for {SILENT_S:g} s: is "
-                        "it unplugged?"
+                        f"nothing received from probe {self._probe} for "
+                        f"{SILENT_S:g} s: is it unplugged?"
                     ) from None
                 yield None
                 continue
@@ -189,13 +189,13 @@ def of_file(path: Path, probe: str | None) -> tuple[str, Evidence]:
     if tally.other is not None and not found:
         raise FileError(next(line for line in tally.lines() if "schema" in line))
     if probe is None and len(found) > 1:
-        raise ProbeUnknown(f"{path} holds {', '.join(found)}: name one of them")
+        raise ProbeUnknown(f"{path} holds {', '.join(found)}; choose one")
     if not found:
-        raise FileError(f"{path} holds no message of a probe")
+        raise FileError(f"{path} has no messages of a probe")
     name = probe if probe is not None else next(iter(found))
     if name not in found:
         raise FileError(
-            f"{path} holds nothing of probe {name}: it has {', '.join(found)}"
+            f"{path} has no data of probe {name}, only of {', '.join(found)}"
         )
     evidence = found[name]
     evidence.link = tally.links[-1] if tally.links else None

@@ -14,7 +14,7 @@ from imud.calibration.recording import Sample, Scale
 from imud.check.evidence import Evidence
 from imud.check.rows import RowVerdict, overall
 from imud.check.turn import TIMEOUT_S, TurnGuide
-from imud.check.turn_rows import given_up, rows
+from imud.check.turn_rows import rows, timed_out
 from imud.cli import check_run, check_source
 from imud.cli.check_screen import CheckScreen
 from imud.cli.check_source import LiveMessages
@@ -36,10 +36,10 @@ def live(args: argparse.Namespace) -> int:
             with screen.opened():
                 _watch(source, guide, screen)
         except Quit:
-            sys.stderr.write("imud: given up; nothing was changed\n")
+            sys.stderr.write("imud: stopped; nothing was changed\n")
             return 1
     if guide.found is None:
-        table = [given_up(guide)]
+        table = [timed_out(guide)]
     else:
         table = rows(guide.found, guide.scale, guide.params, args.turn, args.laid)
     check_run.publish(evidence, table, args, source.title)
@@ -49,9 +49,7 @@ def live(args: argparse.Namespace) -> int:
 def _guide(source: LiveMessages, evidence: Evidence, turn_deg: float) -> TurnGuide:
     hello = evidence.hello
     if evidence.other_schema or hello["sensor"] == "none":
-        raise DeviceError(
-            f"{source.title} can't measure a turn: imud check says what it lacks"
-        )
+        raise DeviceError(f"{source.title} can't measure a turn: imud check shows why")
     scale = Scale(
         hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], hello["raw_rate"]
     )
@@ -80,15 +78,15 @@ def _watch(source: LiveMessages, guide: TurnGuide, screen: CheckScreen) -> None:
                 "stop, and let go"
             )
         screen.line(f"{words}.")
-        screen.show(f"{words}. q gives up", waited_s / TIMEOUT_S)
+        screen.show(f"{words}. q stops", waited_s / TIMEOUT_S)
         screen.key()
 
 
 def _interrupted(source: LiveMessages, event: dict[str, Any]) -> None:
     if event["event"] in ("restarted", "params_changed"):
         raise DeviceError(
-            f"{source.title} restarted or has other params ({event['event']}): "
-            "begin again"
+            f"{source.title} restarted or its params changed ({event['event']}); "
+            "start again"
         )
 
 

@@ -155,7 +155,7 @@ def test_a_reading_at_the_end_of_the_range_is_counted() -> None:
     ("event", "name", "words"),
     [
         (("sensor_fault", "registers", 0x1C71), "configuration", "register 0x1C"),
-        (("sensor_fault", "mag_stuck", 0x71), "magnetometer", "holds its bus"),
+        (("sensor_fault", "mag_stuck", 0x71), "magnetometer", "blocks its bus"),
         (("sensor_fault", "mag_silent", 0x71), "magnetometer", "measures nothing"),
         (("clock_failed", "crystal", 0), "clock", "internal oscillator"),
         (("battery_low", "battery", 3100), "supply", "V"),
@@ -215,7 +215,7 @@ def test_readings_that_do_not_follow_the_range_register_are_a_fault() -> None:
     row = rows(evidence(self_test=eighth))["range register"]
     assert (row.verdict, row.measured) == (
         FAULT,
-        "0.13 g at 2 g full scale, 1.00 g at its own",
+        "0.13 g at 2 g full scale, 1.00 g as set",
     )
 
 
@@ -252,7 +252,7 @@ def test_a_restart_for_want_of_power_is_a_fault() -> None:
     found.add_message(HELLO | {"boot_count": 8, "reset_cause": ["brown_out"]})
     row = rows(found)["start"]
     assert row.verdict is FAULT
-    assert "supply breaks down" in row.advice
+    assert "supply drops out" in row.advice
 
 
 def test_a_firmware_of_another_schema_is_the_only_line() -> None:
@@ -266,7 +266,7 @@ def test_a_firmware_of_another_schema_is_the_only_line() -> None:
         }
     )
     assert troubles(found) == {"firmware": FAULT}
-    assert "flash the image" in rows(found)["firmware"].advice
+    assert "flash the matching image" in rows(found)["firmware"].advice
 
 
 @pytest.mark.parametrize(("timer_ms", "expected"), [(1, {}), (16, {"port": LOOK})])

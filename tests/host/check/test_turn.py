@@ -15,7 +15,7 @@ from benchmarks.common.feed import Feed, sampled
 from imud.check import turn
 from imud.check.rows import Row, RowVerdict, overall
 from imud.check.turn import TurnGuide, TurnSeen
-from imud.check.turn_rows import LAID_DEG, given_up, rows
+from imud.check.turn_rows import LAID_DEG, rows, timed_out
 from imud.params.value import Params
 from imud.virtual.modules import calibrated
 from imud.virtual.turning import AXES
@@ -79,7 +79,7 @@ def test_lost_samples_leave_the_gyroscope_out() -> None:
     row = table(replace(whole, steps_s=steps_s))["turn by the gyroscope"]
     assert (row.verdict, row.advice) == (
         RowVerdict.LOOK,
-        "samples were lost meanwhile: repeat it",
+        "samples were lost: repeat the turn",
     )
 
 
@@ -109,6 +109,6 @@ def test_a_probe_that_is_not_turned_ends_the_guide(
     assert guide.has_first
     assert guide.found is None
     assert guide.is_late
-    row = given_up(guide)
+    row = timed_out(guide)
     assert overall([row]) is RowVerdict.LOOK
-    assert row.advice == "turn and lay it again, and let go; begin again"
+    assert row.advice == "start again: turn it, lay it down and let go"

@@ -160,9 +160,9 @@ def test_a_file_is_checked_and_one_without_a_probe_refused(
     assert "verdict: " in capsys.readouterr().out
     (tmp_path / "b.bin").write_bytes(b"\0" * 40)
     line = refused(capsys, "--from", str(tmp_path / "b.bin"))
-    assert "holds no message of a probe" in line
+    assert "has no messages of a probe" in line
     line = refused(capsys, "other", "--from", str(path))
-    assert "holds nothing of probe other: it has" in line
+    assert "has no data of probe other, only of" in line
 
 
 def test_a_report_goes_where_it_can(

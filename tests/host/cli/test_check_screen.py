@@ -84,8 +84,8 @@ def test_the_poses_are_asked_for_one_by_one(
     assert row.verdict is verdict
     told = screen.out.getvalue().splitlines()
     assert told == [
-        "Lay it on its left side, right up, and let go (40 s; Enter leaves it out).",
-        "Lay it on its back, front up, and let go (40 s; Enter leaves it out).",
+        "Lay it on its left side, right up, and let go (40 s; Enter skips it).",
+        "Lay it on its back, front up, and let go (40 s; Enter skips it).",
     ]
     # Noise and offsets are those of the first pose.
     names = {row.name: row.verdict for row in judged(found)}
