@@ -128,7 +128,7 @@ class Chain:
 
 
 def read(text: str, source: str) -> Chain:
-    """The chain in a TOML text; ConfigError says what is wrong, on one line.
+    """The chain in a TOML text; ConfigError with the first mistake, on one line.
 
     `source` names the file in the message.
     """
@@ -138,12 +138,15 @@ def read(text: str, source: str) -> Chain:
         raise ConfigError(f"{source} is not TOML: {error}") from error
     found = [(each.path, each.words) for each in mistakes(table, _File)]
     if not found and not table.get("segments"):
-        found = [((), "it has no segments: [segments.NAME], a section for each")]
+        found = [((), "it has no segments: add a section [segments.NAME] for each")]
     if not found:
         file = msgspec.convert(table, _File)
         found = [(("segments", *path), words) for path, words in _faults(file)]
         if not _NAME.fullmatch(file.name):
-            words = "letters, digits, dots, - and _ alone: it is in keys and file names"
+            words = (
+                "use only letters, digits, dots, - and _: the name is part of keys "
+                "and file names"
+            )
             found.insert(0, (("name",), words))
     if found:
         path, words = found[0]
@@ -155,7 +158,7 @@ def read(text: str, source: str) -> Chain:
 
 
 def _faults(file: _File) -> Iterator[tuple[tuple[str, ...], str]]:
-    """What can't be, although each value is allowed: where, and why."""
+    """Contradictions between valid values: where, and why."""
     segments = file.segments
     known = ", ".join(segments)
     wearers: dict[str, str] = {}
@@ -163,16 +166,16 @@ def _faults(file: _File) -> Iterator[tuple[tuple[str, ...], str]]:
         if each.probe is not None:
             other = wearers.setdefault(each.probe, name)
             if other != name:
-                yield (name, "probe"), f"{each.probe} sits on {other} already"
+                yield (name, "probe"), f"{each.probe} is already on {other}"
         if each.parent is None:
             continue
         if each.parent not in segments:
-            yield (name, "parent"), f"no segment {each.parent}; there are {known}"
+            yield (name, "parent"), f"there is no segment {each.parent}, only {known}"
             continue
         marks = ("end", *segments[each.parent].marks)
         if each.at is not None and each.at not in marks:
             there = ", ".join(marks)
-            yield (name, "at"), f"{each.parent} has no mark {each.at}; it has {there}"
+            yield (name, "at"), f"{each.parent} has no mark {each.at}, only {there}"
         way = [name]
         while way[-1] in segments and (above := segments[way[-1]].parent):
             way.append(above)
@@ -180,11 +183,11 @@ def _faults(file: _File) -> Iterator[tuple[tuple[str, ...], str]]:
                 yield (name, "parent"), f"a cycle: {' > '.join(way)}"
                 return
             if above in way[:-1]:
-                break  # a cycle above: told at its own members
+                break  # a cycle above, reported at its own members
     roots = [name for name, each in segments.items() if each.parent is None]
     if len(roots) > 1:
         first = roots[0]
-        yield (roots[1],), f"it has no parent, and neither has {first}; one root only"
+        yield (roots[1],), f"it has no parent, like {first}; only one root is possible"
     if not any(each.probe for each in segments.values()):
         yield (next(iter(segments)),), "no segment has a probe"
 

@@ -37,7 +37,7 @@ SWING_S = 0.15  # a shorter pause between rests is none
 # so long, whatever that seems: a foot in the air is so calm for 0.3 s at most.
 SURE, SURE_S, SURELY_S, FIRST_S = 1.0, 0.15, 0.5, 0.4
 STILL_S = 1.0  # of it show the bias of the rates
-GAP_S = 0.1  # without samples, and nobody knows where it is
+GAP_S = 0.1  # without samples, after which the place is unknown
 TURNS_RAD_S = math.radians(0.05)  # a heading drifts by so much while it is carried on
 MISSED_S = 1.2  # without a rest, and one was missed by who ever runs
 LONG_S = 3.0  # without a rest its place is hardly known
@@ -128,7 +128,7 @@ class Walker:
         gyr: FloatArray,
         pose: Pose,
     ) -> None:
-        """It seems to stand."""
+        """A sample at which it seems to stand."""
         sigma = MOVES_S * math.sqrt(self.stance.energy)
         is_new = not self.is_down
         if not is_new and time_s - self._stood_s < SAME_S:
@@ -218,9 +218,7 @@ class FootPath:
 def path(track: Track) -> FootPath:
     """The path of a foot's probe, from poses and forces. ValueError without forces."""
     if track.acc is None:
-        raise ValueError(
-            "the path of a foot needs forces: raw samples, not poses alone"
-        )
+        raise ValueError("the path of a foot needs raw samples: poses have no forces")
     return _Path(track, track.acc).found()
 
 
@@ -237,7 +235,7 @@ class _Path:
         self.remarks: list[str] = []
         # Since the last rest: steps, each with the row that it begins at.
         self._swing: list[tuple[int, Step]] = []
-        self._row = 0  # the last that was kept
+        self._row = 0  # the last one stored
 
     def found(self) -> FootPath:
         track = self._track = faced(self._track)
@@ -288,7 +286,7 @@ class _Path:
         if not walker.is_down:
             return
         if walker.landed is not None and self._swing:
-            # What was said of the way since the last rest, by what is known now.
+            # The path since the last rest, corrected by this rest.
             rows, steps = map(list, zip(*self._swing, strict=True))
             changes, sigmas = smoothed(steps, walker.landed, walker.filter.covariance)
             self.place[rows] += changes
@@ -303,15 +301,15 @@ class _Path:
     def _lose(self, time_s: float, missing_s: float) -> None:
         at_s = time_s - float(self._track.times_s[0])
         self.remarks.append(
-            f"{missing_s:.1f} s of samples are missing at {at_s:.1f} s: its place is "
-            "not known from there on"
+            f"{missing_s:.1f} s of samples are missing at {at_s:.1f} s: its position "
+            "is unknown from there on"
         )
 
     def _tell_long(self, walker: Walker) -> None:
         """The longest time without a rest, if that is long."""
         times_s = self._track.times_s
         if walker.filter is None:
-            self.remarks.append("it never rests, so that its place is not known")
+            self.remarks.append("it never rests, so its position is unknown")
             return
         known = np.flatnonzero(np.isfinite(self.place[:, 0]))
         ends = [*(each[1] for each in self.rests)]
@@ -323,8 +321,8 @@ class _Path:
         if away_s > LONG_S:
             off_m = float(np.linalg.norm(self.sigmas[row]))
             self.remarks.append(
-                f"no rest for {away_s:.1f} s at {at_s - times_s[0]:.1f} s: then its "
-                f"place is known to {2.0 * off_m:.1f} m"
+                f"no rest for {away_s:.1f} s from {at_s - times_s[0]:.1f} s on: its "
+                f"position error is then up to {2.0 * off_m:.1f} m"
             )
 
 

@@ -70,7 +70,7 @@ class Foot:
         self._calm_s, self._is_down = 0.0, False
 
     def remark(self) -> str | None:
-        """That it has not rested for long, and what that means."""
+        """A remark if it has not rested for long, with the error of its position."""
         walker = self._walker
         if walker is None or walker.rest is None or self._last_s is None:
             return None
@@ -78,7 +78,7 @@ class Foot:
         if away_s <= contact.LONG_S:
             return None
         off_m = 2.0 * float(np.linalg.norm(walker.sigmas))
-        return f"no rest for {away_s:.0f} s: its place is known to {off_m:.1f} m"
+        return f"no rest for {away_s:.0f} s: its position error is up to {off_m:.1f} m"
 
     def state(self) -> Contact:
         walker = self._walker

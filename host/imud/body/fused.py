@@ -38,7 +38,8 @@ def attitudes(
     rate_hz = 1.0 / float(np.median(np.diff(times_s)))
     if rate_hz < level.RATE_MIN_HZ * 0.99:
         raise ValueError(
-            f"{rate_hz:g} samples a second; {level.RATE_MIN_HZ:g} are needed"
+            f"{rate_hz:g} samples a second are too few; {level.RATE_MIN_HZ:g} are "
+            "needed"
         )
     count = int((times_s[-1] - times_s[0]) * FUSED_HZ) + 1
     at_s = times_s[0] + np.arange(count) / FUSED_HZ

@@ -27,7 +27,7 @@ INDEPENDENT_S = 0.5  # residuals of a limb resemble each other for this long
 
 
 class AlignmentRefused(Exception):
-    """A motion from which nothing can be found; the text says what to do."""
+    """A motion that shows too little; the text says what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def axis(
     order = np.sort(np.argsort(fast)[-min(len(fast), 4 * ROWS) :])
     rows = order[:: max(1, len(order) // ROWS)]
     if len(rows) < ROWS_MIN:
-        raise AlignmentRefused("too few samples; move for some seconds")
+        raise AlignmentRefused("too few samples; move for a few seconds")
     first, second = parent[rows], child[rows]
     # From each of the main directions of both: a limb may turn more than its joint.
     tried = [
@@ -84,11 +84,11 @@ def axis(
     residual = float(np.sqrt((error**2).mean())) / max(moved, 1e-9)
     if moved < EXCITATION_MIN:
         raise AlignmentRefused(
-            f"it moved by {math.degrees(moved):.0f} deg/s; bend it faster and further"
+            f"it turned at {math.degrees(moved):.0f} deg/s; bend it faster and further"
         )
     if residual > residual_max:
         raise AlignmentRefused(
-            f"no hinge fits: {100 * residual:.0f} % of the rates are left"
+            f"no hinge fits: the residual is {100 * residual:.0f} % of the rates"
         )
     # Each probe's axis is seen by how fast it turns about it itself.
     own = min(
@@ -170,11 +170,13 @@ def centre(
     added = [each @ part for each, part in zip(arms, (both[:3], both[3:]), strict=True)]
     excitation = float(np.sqrt(np.mean([(each**2).sum(1).mean() for each in added])))
     if excitation < FORCE_MIN_M_S2:
-        raise AlignmentRefused(f"turning adds {excitation:.1f} m/s2; move it faster")
+        raise AlignmentRefused(
+            f"turning changes forces by only {excitation:.1f} m/s2; move it faster"
+        )
     residual = float(np.sqrt((error**2).mean())) / excitation
     if residual > CENTRE_RESIDUAL_MAX:
         raise AlignmentRefused(
-            f"no centre fits: {100 * residual:.0f} % of the forces are left"
+            f"no centre fits: the residual is {100 * residual:.0f} % of the forces"
         )
     independent = max(1.0, len(parent[0]) / rate_hz / INDEPENDENT_S)
     spread = np.linalg.inv(slope.T @ slope / len(error) + 1e-9 * np.eye(6))

@@ -55,7 +55,7 @@ class JointModel:
     noise: float = 0.0
 
     def sights(self, parent: Track, child: Track) -> list[Sight]:
-        """What both probes show of the heading between them."""
+        """The sights of both probes on the heading between them."""
         stated = np.stack([parent.heading_sigma, child.heading_sigma], axis=1)
         found = [heading.magnetic(stated, INDOORS if self.joint.freedom else 0.0)]
         if self.axes is not None:
@@ -174,11 +174,11 @@ def _hinge(known: JointModel, parent: Track, child: Track) -> JointModel:
 
 
 def _check(found: JointModel) -> None:
-    """Raises AlignmentRefused if what a joint does beside its axes is too much."""
+    """Raises AlignmentRefused if a joint turns too much beside its axes."""
     if found.play > PLAY_MAX:
         left_deg = math.degrees(found.play)
         raise AlignmentRefused(
-            f"no {AXES[found.joint.freedom]} fits: {left_deg:.0f} deg are left"
+            f"no {AXES[found.joint.freedom]} fits: the residual is {left_deg:.0f} deg"
         )
 
 

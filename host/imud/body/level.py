@@ -32,7 +32,9 @@ def attitudes(gyr: FloatArray, acc: FloatArray, rate_hz: float) -> Track:
     ValueError below RATE_MIN_HZ: between samples a limb turns too far.
     """
     if rate_hz < RATE_MIN_HZ * 0.99:
-        raise ValueError(f"{rate_hz:g} samples a second; {RATE_MIN_HZ:g} are needed")
+        raise ValueError(
+            f"{rate_hz:g} samples a second are too few; {RATE_MIN_HZ:g} are needed"
+        )
     rates = gyr - biases(gyr, acc, rate_hz)
     turned = strapdown(rates, rate_hz)
     forces = lowpass(rotation.rotate(turned, acc), rate_hz)

@@ -46,9 +46,9 @@ LOST_S = 1.0  # a probe that has been silent for longer is missing
 AWAY_S = 3.0  # one that has been silent for longer ends an alignment
 # A zero that is not known is looked for again after ZERO_S, or that share of the time
 # since the pose: each look goes through all of it.
-LOST = f"no motion showed the zero within {ALIGN_S:g} s: start imud body again"
+LOST = f"no motion showed the zero angle within {ALIGN_S:g} s: restart imud body"
 ZERO_S, ZERO_SHARE, ZERO_BEFORE_S = 3.0, 0.1, 0.1
-GUIDE_S = 1.0  # between two looks at what the person does
+GUIDE_S = 1.0  # between two looks at the motion
 STAND_S = 3.0
 
 STAND = f"stand straight and still for {STAND_S:g} s"
@@ -143,7 +143,7 @@ class LiveBody:
         return self._alignment.mounts if self._alignment is not None else {}
 
     def _guide(self, presences: Mapping[str, Presence], time_s: float) -> None:
-        """Looks at what the person does, and says what to do next."""
+        """Follows the motion and sets the next instruction."""
         if self.stage == "running":
             self._check_order(time_s)
             if time_s >= self._zeroed_s and self._alignment is not None:
@@ -156,7 +156,7 @@ class LiveBody:
         ]
         if away:
             undated = any(state == "no clock" for state in presences.values())
-            why = "its clock is not known" if undated else "no poses"
+            why = "its clock is unknown" if undated else "no poses"
             self.stage = "waiting"
             self.instruction = f"waiting for {', '.join(away)}: {why}"
             self._begun_s = time_s
@@ -175,14 +175,14 @@ class LiveBody:
             return
         begin_s, end_s = stood[0]
         if self.stage == "standing":
-            # What came before it is no part of an alignment.
+            # Earlier motion is no part of an alignment.
             self._begun_s = begin_s
             self.stage, self.instruction = "moving", MOVE
         if any(each[0] > end_s + session.MOTION_S for each in spans):
             self._align(found, time_s)
 
     def _is_away(self, segment: Segment, time_s: float) -> bool:
-        """A pause that an alignment bears is shorter."""
+        """Whether it has been silent for too long for an alignment."""
         last_s = self.histories[segment.probe or ""].last_s
         return last_s is None or time_s - last_s > AWAY_S
 
@@ -206,7 +206,8 @@ class LiveBody:
         try:
             done = session.aligned(self.chain, found, self._facing_rad)
         except AlignmentRefused as refused:
-            self.stage, self.instruction = "standing", f"{refused}. Again: {STAND}"
+            self.stage = "standing"
+            self.instruction = f"{refused}. Start again: {STAND}"
             self._begun_s = time_s
             return
         self.stage, self.instruction = "running", None

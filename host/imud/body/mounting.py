@@ -123,7 +123,7 @@ def by_motion(
         elif plain is not None:
             mounts[name] = plain[name]
         else:
-            raise AlignmentRefused(f"{name} has no hinge; say where the person faces")
+            raise AlignmentRefused(f"{name} has no hinge; give the facing direction")
     return Aligned(mounts, axes, _remarks(mounts))
 
 
@@ -136,7 +136,7 @@ def _stood(name: str, track: Track) -> tuple[FloatArray, float]:
     moved = float(np.sqrt((turning(track)[good] ** 2).mean()))
     if moved > STILL_RAD_S:
         raise AlignmentRefused(
-            f"{name} leaned by {math.degrees(moved):.0f} deg/s; stand still for 3 s"
+            f"{name} moved at {math.degrees(moved):.0f} deg/s; stand still for 3 s"
         )
     mean = np.linalg.eigh(quat.T @ quat)[1][:, -1]
     sigma = track.heading_sigma[good]
@@ -172,14 +172,14 @@ def _rights(
         if not _agree((first, second), stood, moved):
             second = -second
         if parent.name in found:
-            # The joint above has said where right is.
+            # The joint above has shown where right is.
             is_left = float(first @ found[parent.name][0][0]) < 0.0
         elif child.joint.bends:
             turned = _turned(first, second, moving[parent.name], moving[child.name])
             is_left = turned * child.joint.flexion * child.joint.bends < 0.0
         else:
             raise AlignmentRefused(
-                f"{child.name}: no joint above says which way it bends"
+                f"{child.name}: no joint above shows the direction in which it bends"
             )
         if is_left:
             first, second = -first, -second
@@ -198,7 +198,7 @@ def _mean_right(up: FloatArray, rights: list[_Right]) -> _Right:
         size = float(np.linalg.norm(flat))
         if size < UPRIGHT_MAX:
             raise AlignmentRefused(
-                "the axis found is almost vertical; stand up straight, bend again"
+                "the axis found is almost vertical; stand up straight and bend again"
             )
         total = total + flat / (size * sigma**2)
         weights += sigma**-2
@@ -283,9 +283,9 @@ def _change(acc: FloatArray) -> float:
 
 
 def _remarks(mounts: Mapping[str, Mount]) -> tuple[str, ...]:
-    """What people should know of how probes sit."""
+    """Remarks on how the probes are attached."""
     return tuple(
-        f"the probe on {name} is upside down: that is allowed for"
+        f"the probe on {name} is upside down; the alignment allows for it"
         for name, mount in mounts.items()
         if rotation.to_matrix(mount.probe_from_segment)[:, 1].min() < UPSIDE_DOWN
     )

@@ -65,9 +65,9 @@ def of(
     """All of a recording: standing, a motion that aligns, standing again, the rest.
 
     `facing_rad`: where the person faces while standing,
-    counterclockwise from east; with None, hinges that bend say what is ahead.
+    counterclockwise from east; with None, hinges that bend show what is ahead.
 
-    Raises AlignmentRefused, in words for people.
+    Raises AlignmentRefused, with a text for users.
     """
     given = {
         each.name: by_probe[each.probe]
@@ -75,14 +75,14 @@ def of(
         if each.probe is not None and each.probe in by_probe
     }
     if not given:
-        raise AlignmentRefused("none of its probes is there")
+        raise AlignmentRefused("none of its probes has data")
     times_s = tracks.common_times(list(given.values()), RATE_HZ)
     if len(times_s) < RATE_HZ * STILL_S:
-        raise AlignmentRefused("its probes have hardly a moment in common")
+        raise AlignmentRefused("the recordings of its probes hardly overlap in time")
     found = {name: tracks.joined(each, times_s) for name, each in given.items()}
     known = aligned(chain, found, facing_rad)
     remarks = [
-        f"{each.name}: {each.probe} is not there"
+        f"{each.name}: {each.probe} has no data"
         for each in chain.segments
         if each.probe is not None and each.name not in given
     ]
@@ -142,7 +142,7 @@ def _begin(found: Mapping[str, Track]) -> tuple[tuple[float, float], list[str]]:
         return standing(found)[0], []
     except AlignmentRefused:
         start_s = float(next(iter(found.values())).times_s[0])
-        words = f"it never rests: angles are 0 at the mean of its first {BEGIN_S:g} s"
+        words = f"it never rests: angles are 0 at the mean of the first {BEGIN_S:g} s"
         return (start_s, start_s + BEGIN_S), [words]
 
 
@@ -166,7 +166,7 @@ def align(
         blind = [n for n, t in stood.items() if np.isnan(t.heading_sigma).all()]
         if blind:
             raise AlignmentRefused(
-                f"{refused}; the pose alone needs a compass, and {blind[0]} has none"
+                f"{refused}; the pose alone needs headings, and {blind[0]} has none"
             ) from refused
         mounts = dict(mounting.by_pose(chain, stood, facing_rad).mounts)
         remarks = [f"aligned by the pose alone: {refused}"]

@@ -27,11 +27,11 @@ UPRIGHT = rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]
 Pose = tuple[float, float]  # from and to, s
 
 WORDS = "the zero of its"
-KNOWN = math.radians(5.0)  # a zero that is known so well needs no more motion
+KNOWN = math.radians(5.0)  # a better known zero needs no more motion
 
 
 def learnt(chain: Chain, found: Mapping[str, Track]) -> dict[str, JointModel]:
-    """What motion shows of the joints about any axes, by child, or AlignmentRefused."""
+    """The joints about any axes that motion shows, by child; or AlignmentRefused."""
     known = {}
     for parent, child in chain.joints():
         if child.joint.freedom and parent.name in found and child.name in found:
@@ -87,8 +87,8 @@ def mounted(
 def remarks(chain: Chain, mounts: Mapping[str, Mount]) -> list[str]:
     """Which angles have no zero, and the motion that would show it."""
     return [
-        f"{child.name}: {WORDS} {_what(child)} is not known: turn the whole, "
-        f"so that the axis between {parent.name} and {child.name} lies level for some "
+        f"{child.name}: {WORDS} {_what(child)} is unknown: turn the whole limb "
+        f"until the axis between {parent.name} and {child.name} is level for a few "
         "seconds, or use magnetometers"
         for parent, child in chain.joints()
         if child.joint.freedom

@@ -143,7 +143,7 @@ def test_no_rest_for_long_is_said_with_how_far_the_place_is_known():
     shaken[rows] += random.normal(0.0, 6.0, (int(rows.sum()), 3))
     found = contact.path(replace(track, gyr=shaken))
     assert any(
-        "no rest for" in each and "is known to" in each for each in found.remarks
+        "no rest for" in each and "is then up to" in each for each in found.remarks
     )
     truth = walk.place - walk.place[0]
     off = np.abs(found.place - truth)[rows]
@@ -165,7 +165,7 @@ def test_what_never_rests_has_no_place():
     found = contact.path(track)
     assert np.isnan(found.place).all()
     assert found.rests == ()
-    assert found.remarks == ("it never rests, so that its place is not known",)
+    assert found.remarks == ("it never rests, so its position is unknown",)
 
 
 def test_an_even_glide_is_no_rest():
@@ -218,7 +218,7 @@ def test_a_live_foot_says_that_it_has_not_rested_and_begins_anew_when_it_was_los
     foot.update(rows, pose)
     remark = foot.remark()
     assert remark is not None
-    assert remark.startswith("no rest for 8 s: its place is known to ")
+    assert remark.startswith("no rest for 8 s: its position error is up to ")
     assert not foot.state().is_down
     foot.lose()
     assert foot.state().place_m is None

@@ -225,7 +225,7 @@ def test_a_probe_whose_clock_is_not_known_is_told():
     state = found.state(UTC_S + 0.1)
     assert state.instruction is not None
     assert "shank (shank)" in state.instruction
-    assert "clock is not known" in state.instruction
+    assert "clock is unknown" in state.instruction
     assert state.segments[1].presence == "no clock"
 
 

@@ -99,8 +99,8 @@ def test_a_zero_that_no_motion_shows_is_withheld_with_the_motion_that_would():
     assert np.isnan(found.posture.angles["two"]).all()
     assert np.isnan(found.posture.sigmas["two"]).all()
     assert any(
-        "two: the zero of its angle is not known: turn the whole, so that the axis "
-        "between one and two lies level" in each
+        "two: the zero of its angle is unknown: turn the whole limb until the axis "
+        "between one and two is level" in each
         for each in found.remarks
     )
 

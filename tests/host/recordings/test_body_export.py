@@ -115,11 +115,11 @@ def test_csv_has_errors_and_the_path_of_the_foot(recorded: Path, tmp_path: Path)
         (["a.npz", "--body", "leg.toml"], "add the name of its probe: PROBE=a.npz"),
         (["thigh=thigh.npz", "--body", "none.toml"], "can't read none.toml"),
         (["thigh=none.npz", "--body", "leg.toml"], "none.npz: No such file"),
-        (["other=thigh.npz", "--body", "leg.toml"], "none of its probes is there"),
-        (["thigh=thigh.npz", "--body", "leg.toml"], "say where the person faces"),
+        (["other=thigh.npz", "--body", "leg.toml"], "none of its probes has data"),
+        (["thigh=thigh.npz", "--body", "leg.toml"], "give the facing direction"),
         (["thigh=thigh.npz", "--to", "sto"], "give one with --body"),
         (["a", "--to", "parquet", "--body", "leg.toml"], "csv, sto, bvh or c3d"),
-        (["thigh=slow.npz", "--body", "leg.toml"], "20 samples a second; 40 are"),
+        (["thigh=slow.npz", "--body", "leg.toml"], "20 samples a second are too few"),
     ],
 )
 def test_what_cannot_be_exported_is_told_on_one_line(
@@ -143,7 +143,7 @@ def test_a_probe_that_is_not_there_is_told(recorded: Path):
         [f"{name}={recorded / name}.npz" for name in ("thigh", "shank")]
     )
     seen = session.of(chain.read(leg.CHAIN, "leg"), found)
-    assert "foot: foot is not there" in seen.remarks
+    assert "foot: foot has no data" in seen.remarks
     assert np.isnan(seen.posture.quats["foot"]).all()
     assert "foot" not in seen.posture.angles
 
