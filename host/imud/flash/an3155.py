@@ -28,7 +28,7 @@ ERASE_S = 4.0
 
 
 class NoRom(FlashError):
-    """Nobody answers as the ROM does."""
+    """No answer from the ROM."""
 
 
 class RomWire(Protocol):
@@ -64,7 +64,7 @@ class An3155:
         self._command(GET_ID, "its id")
         found = self._listen(4, ANSWER_S)
         if len(found) != 4 or found[0] != 1 or found[3] != ACK:
-            raise FlashError("the bootloader did not tell its id")
+            raise FlashError("the bootloader did not send its id")
         return int.from_bytes(found[1:3], "big")
 
     def erase(self, sectors: Sequence[int]) -> None:

@@ -24,7 +24,7 @@ from imud.flash.firmware import F405_AT, F405_MAX
 
 CHIP = 0x413  # AN2606: STM32F405xx/07xx and STM32F415xx/17xx
 BAUD = 115_200
-SYNC_S = 60.0  # in which a person connects BOOT0 and presses RST
+SYNC_S = 60.0  # for a person to connect BOOT0 and press RST
 # RM0090, "Embedded Flash memory": bytes of sectors 0 to 9. 10 and 11 are the settings.
 SECTORS = (*4 * (16 * 1024,), 64 * 1024, *5 * (128 * 1024,))
 
@@ -75,7 +75,7 @@ def write(
 
 def _compare(rom: An3155, address: int, block: bytes) -> None:
     if rom.read(address, len(block)) != block:
-        raise FlashError(f"the bytes at {address:#010x} were not kept")
+        raise FlashError(f"the bytes at {address:#010x} read back wrong")
 
 
 def _needed(size: int) -> list[int]:
@@ -114,9 +114,9 @@ def write_by_dfu_util(image: bytes, *, wait_s: float = SYNC_S) -> int:
             status, text = _run([program, *words], DFU_WRITE_S)
         except FlashError as error:
             raise HalfWritten(str(error)) from error
-    # It tells an error of the last request, in which the board has left already.
+    # It reports an error of the last request, as the board has already left.
     if status != 0 and "File downloaded successfully" not in text:
-        last = text.strip().splitlines()[-1:] or ["no word"]
+        last = text.strip().splitlines()[-1:] or ["no output"]
         raise HalfWritten(f"dfu-util: {last[0]}")
     return len(image)
 
@@ -134,5 +134,5 @@ def _run(words: list[str], seconds: float) -> tuple[int, str]:
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise FlashError(f"dfu-util did not end in {seconds:g} s") from error
+        raise FlashError(f"dfu-util did not finish within {seconds:g} s") from error
     return done.returncode, done.stdout

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Firmware images and what a manifest says of each: for which board it is, its filter,
+"""Firmware images and the manifest's data on each: for which board it is, its filter,
 its version, its schema, its size and its SHA-256.
 
 A manifest lies beside its images: that of a release names all of them, that of a build
@@ -93,7 +93,7 @@ class Image:
             if is_code and any(stack in each for each in _F405_RAM):
                 return "f405"
         elif low == PICO_AT and high < PICO_AT + PICO_MAX:
-            return "pico"  # the file has said so, too: UF2 names the chip
+            return "pico"  # checked before: UF2 names the chip
         return None
 
     def binary(self) -> bytes:
@@ -128,14 +128,14 @@ def read(path: Path) -> Image:
     sha256 = hashlib.sha256(raw).hexdigest()
     if about is not None and sha256 != about.sha256:
         raise FlashError(
-            f"{path} is not the file of {path.with_name(MANIFEST)}: its SHA-256 "
-            "differs; get both again"
+            f"{path} does not match {path.with_name(MANIFEST)}: its SHA-256 differs; "
+            "get both again"
         )
     code = _decoded(path, raw)
     image = Image(path, code, sha256, about)
     if image.board is None:
         raise FlashError(
-            f"{path} is no image of an imu-probe: it fits no board of ours"
+            f"{path} is not an image of an imu-probe: it fits none of its boards"
         )
     if about is not None and image.board != about.board:
         raise FlashError(f"{path} fits {BOARDS[image.board]}, not {about.board}")
@@ -147,7 +147,7 @@ def _decoded(path: Path, raw: bytes) -> dict[int, int]:
     if raw[:4] == uf2.MARK:
         return uf2.decoded(path, raw)
     if raw[:1] != b":":
-        raise FlashError(f"{path} is no Intel HEX file; {hint}")
+        raise FlashError(f"{path} is not an Intel HEX file; {hint}")
     try:
         text = io.StringIO(raw.decode("ascii"))
         found = intelhex.IntelHex(text)
@@ -158,7 +158,7 @@ def _decoded(path: Path, raw: bytes) -> dict[int, int]:
     code: dict[int, int] = found.todict()
     code.pop("start_addr", None)  # type: ignore[call-overload]
     if not code:
-        raise FlashError(f"{path} holds no bytes; {hint}")
+        raise FlashError(f"{path} has no bytes; {hint}")
     return code
 
 
@@ -187,7 +187,7 @@ def ready_made(board: str, wanted: str) -> Path:
 
 
 def offered() -> tuple[Firmware, ...]:
-    """The images that are there: of the package with firmware, or those that this
+    """All images: of the package with firmware, or those that this
     checkout has built. FlashError if they were modified.
     """
     if checkout.is_checkout():
@@ -219,7 +219,7 @@ def _built(board: str, wanted: str) -> Path:
 
 
 def _listed(folder: Path) -> tuple[Firmware, ...]:
-    """What the manifest in a folder names; nothing without one."""
+    """The rows of the manifest in a folder; none without one."""
     path = folder / MANIFEST
     try:
         raw = path.read_bytes()
@@ -230,7 +230,7 @@ def _listed(folder: Path) -> tuple[Firmware, ...]:
     try:
         return msgspec.json.decode(raw, type=Manifest).images
     except msgspec.DecodeError as error:
-        raise FlashError(f"{path} is no manifest of firmware: {error}") from error
+        raise FlashError(f"{path} is not a firmware manifest: {error}") from error
 
 
 def is_signed(folder: Path, keys: Path | None = None) -> bool | None:
@@ -246,7 +246,7 @@ def is_signed(folder: Path, keys: Path | None = None) -> bool | None:
     try:
         signature = bytes.fromhex(path.read_text("ascii"))
     except ValueError as error:
-        raise FlashError(f"{path} is no signature") from error
+        raise FlashError(f"{path} is not a signature") from error
     manifest = (folder / MANIFEST).read_bytes()
     for key in known:
         try:
@@ -268,4 +268,4 @@ def _keys(path: Path) -> Iterator[Ed25519PublicKey]:
             try:
                 yield Ed25519PublicKey.from_public_bytes(bytes.fromhex(digits))
             except ValueError as error:
-                raise FlashError(f"{path} holds a line that is no key") from error
+                raise FlashError(f"{path} has a line that is not a key") from error

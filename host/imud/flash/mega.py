@@ -33,8 +33,8 @@ def reached(reset: Reset) -> Iterator[Stk500v2]:
             yield bootloader
             return
     raise NoBootloader(
-        f"no bootloader answers at {BAUD} baud; is it an Arduino Mega 2560, and has it "
-        "one?"
+        f"no bootloader answers at {BAUD} baud; is it an Arduino Mega 2560 with a "
+        "bootloader?"
     )
 
 

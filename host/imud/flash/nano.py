@@ -39,7 +39,7 @@ def reached(reset: Reset) -> Iterator[tuple[Stk500, int]]:
             return
     raise NoBootloader(
         f"no bootloader answers at {' or '.join(map(str, BAUDS))} baud; is it an "
-        "Arduino Nano, and has it one?"
+        "Arduino Nano with a bootloader?"
     )
 
 

@@ -69,7 +69,7 @@ def write(
         raise FlashError("the image has no bytes")
     if last >= begins_at:
         raise FlashError(
-            f"the image has {last + 1} bytes, and the bootloader begins at {begins_at}"
+            f"the image has {last + 1} bytes, but the bootloader starts at {begins_at}"
         )
     pages = {
         at: bytes(image.get(at + i, BLANK) for i in range(size))
@@ -102,4 +102,4 @@ def write(
 
 def _compare(at: int, page: bytes, found: bytes) -> None:
     if found != page:
-        raise FlashError(f"the page at {at:#06x} was not kept")
+        raise FlashError(f"the page at {at:#06x} reads back wrong")

@@ -20,11 +20,11 @@ from imud.errors import FlashError
 from imud.flash import OnProgress
 from imud.flash.errors import HalfWritten
 
-LOADER_BAUD = 1200  # a port opened so asks the firmware for the boot loader
+LOADER_BAUD = 1200  # opening a port at this rate starts the boot loader
 LABEL = "RPI-RP2"
 INFO = "INFO_UF2.TXT"
 BOARD_ID = "Board-ID: RPI-RP2"  # in that file; a Pico 2 says RP2350
-DRIVE_S = 60.0  # a person finds BOOTSEL
+DRIVE_S = 60.0  # for a person to find BOOTSEL
 GONE_S = 20.0
 TICK_S = 0.2
 PIECE = 8192
@@ -46,7 +46,7 @@ def flash(port: str | None, image: bytes, on_progress: OnProgress) -> int:
     while drive in drives():
         if time.monotonic() > until_s:
             raise HalfWritten(
-                f"{drive} is still there {GONE_S:g} s after the copy: unplug the "
+                f"{drive} still exists {GONE_S:g} s after the copy: unplug the "
                 "board, hold BOOTSEL and plug it in"
             )
         time.sleep(TICK_S)
@@ -54,7 +54,7 @@ def flash(port: str | None, image: bytes, on_progress: OnProgress) -> int:
 
 
 def ask_for_loader(port: str) -> None:
-    """Opens and closes a port at the rate that means it."""
+    """Opens and closes a port at the rate that starts the boot loader."""
     try:
         serial.Serial(port, LOADER_BAUD, exclusive=True).close()
     except (OSError, ValueError) as error:
@@ -62,7 +62,7 @@ def ask_for_loader(port: str) -> None:
 
 
 def found_drive(seconds: float) -> Path:
-    """The drive of the one board in its boot loader, once it is there."""
+    """The drive of the one board in its boot loader, once it appears."""
     until_s = time.monotonic() + seconds
     while not (found := drives()):
         _mount()
@@ -74,7 +74,7 @@ def found_drive(seconds: float) -> Path:
         time.sleep(TICK_S)
     if len(found) > 1:
         names = " and ".join(map(str, found))
-        raise FlashError(f"two boards wait: {names}; unplug one")
+        raise FlashError(f"two boards are in their boot loader: {names}; unplug one")
     return found[0]
 
 
@@ -104,7 +104,7 @@ def _is_pico(folder: Path) -> bool:
 
 
 def _mount() -> None:
-    """Where a drive is there and nobody mounts it: as the user may, without asking."""
+    """Mounts a drive that is not mounted, as far as the user may without a password."""
     program = shutil.which("udisksctl")
     if program is None or not BY_LABEL.exists():
         return

@@ -14,7 +14,7 @@ from imud.errors import FlashError
 # An Arduino's capacitor turns DTR's edge into a reset of 0.1 ms.
 RESET_S = 0.05
 READ_S = 0.02  # how long a read waits for more
-WRITE_S = 2.0  # until a port that takes no bytes is given up
+WRITE_S = 2.0  # timeout of a port that takes no bytes
 
 
 @contextlib.contextmanager

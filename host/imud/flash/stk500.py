@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""STK500, version 1: how the bootloaders of Arduinos are spoken to.
+"""STK500, version 1: the protocol of the bootloaders of Arduinos.
 
 Commands and answers are those of Atmel's application note AVR061 ("STK500
 Communication Protocol"), of which ATmegaBOOT and Optiboot know the few below. No I/O of
@@ -24,18 +24,18 @@ MAJOR, MINOR = 0x81, 0x82  # parameters: the version
 # busy machine may look for it later.
 ANSWER_S = 1.0
 # After a reset Optiboot blinks for 0.4 s, in which the UART keeps two bytes: a command.
-# Of a second one it would hear a half, and start the firmware. It listens for a second
+# Of a second one it would get a half, and start the firmware. It listens for a second
 # from the reset on, ATmegaBOOT for 1.3.
 BEGIN_S = 0.1
 SYNC_S = 0.45
 SYNC_TRIES = 3
 QUIET_S = 0.05  # after an answer: there may be another one, to a try before
-ANSWER_MAX = 4096  # bytes that are heard at a time
+ANSWER_MAX = 4096  # bytes of one read
 _IN_SYNC = bytes((IN_SYNC, OK))
 
 
 class NoBootloader(FlashError):
-    """Nobody answers as a bootloader does."""
+    """No answer from a bootloader."""
 
 
 class BootWire(Protocol):
@@ -92,7 +92,7 @@ class Stk500:
         self._ask(f"the page at {address:#06x}", head + page, 0)
 
     def leave(self) -> None:
-        """Lets it start the image."""
+        """Makes it start the image."""
         self._ask("the end", bytes((LEAVE,)), 0)
 
     def _load(self, address: int) -> None:
@@ -114,7 +114,7 @@ class Stk500:
     def _listen(
         self, seconds: float, size: int = ANSWER_MAX, end: bytes | None = None
     ) -> bytes:
-        """What comes in that time, until it is `size` bytes or has that end."""
+        """The bytes received in that time, at most `size`, or up to that end."""
         heard = b""
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s and len(heard) < size:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""STK500, version 2: how the bootloader of an Arduino Mega 2560 is spoken to.
+"""STK500, version 2: the protocol of an Arduino Mega 2560's bootloader.
 
 Commands and answers are those of Atmel's application note AVR068 ("STK500
 Communication Protocol"), of which that bootloader, stk500boot, knows the few below. No
@@ -27,9 +27,9 @@ LARGE = 1 << 31  # of an address: of more than 64 KB of flash
 
 HEAD = 5  # bytes before a message's body
 BODY_MAX = 275  # AVR068, "Message format"
-HEARD_MAX = 4096  # bytes at a time, of what the firmware said
-# What the firmware said before the reset ends meanwhile; the bootloader listens for a
-# second from the reset on, and once spoken to for much longer.
+HEARD_MAX = 4096  # bytes at a time, of the firmware's output
+# The firmware's output from before the reset ends meanwhile; the bootloader listens for
+# a second from the reset on, and much longer after the first command.
 BEGIN_S = 0.1
 SYNC_S = 0.25
 SYNC_TRIES = 4
@@ -45,12 +45,12 @@ class Stk500v2:
         self._number = 0
 
     def sync(self) -> None:
-        """Makes its acquaintance; NoBootloader if nobody answers."""
+        """Starts a session; NoBootloader if there is no answer."""
         self._hear(BEGIN_S, HEARD_MAX, lambda _: False)
         for _ in range(SYNC_TRIES):
             self._send(bytes((SIGN_ON,)))
             if self._answer(SYNC_S, 2 + len(NAME)) == bytes((SIGN_ON, OK)) + NAME:
-                # It asks nothing of the numbers that it is told.
+                # It ignores these parameters.
                 self._ask("the start", bytes((ENTER, *11 * (0,))), 0)
                 return
         raise NoBootloader("no bootloader answers")
@@ -89,7 +89,7 @@ class Stk500v2:
         self._ask(f"the page at {address:#06x}", head + how + page, 0)
 
     def leave(self) -> None:
-        """Lets it start the image."""
+        """Makes it start the image."""
         self._ask("the end", bytes((LEAVE, 1, 1)), 0)
 
     def _load(self, address: int) -> None:
@@ -97,7 +97,7 @@ class Stk500v2:
         self._ask("the address", bytes((LOAD_ADDRESS,)) + words.to_bytes(4, "big"), 0)
 
     def _ask(self, what: str, command: bytes, size: int) -> bytes:
-        """What comes after the command and the OK."""
+        """The answer's bytes after the command and the OK."""
         self._send(command)
         answer = self._answer(ANSWER_S, size + 2)
         if answer[:2] != bytes((command[0], OK)) or len(answer) != size + 2:

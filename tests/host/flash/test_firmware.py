@@ -77,18 +77,18 @@ def test_an_image_tells_its_board_by_its_bytes(
     ],
 )
 def test_what_fits_no_board_is_refused(code: bytes, at: int, tmp_path: Path) -> None:
-    with pytest.raises(FlashError, match="fits no board of ours"):
+    with pytest.raises(FlashError, match="fits none of its boards"):
         firmware.read(hex_file(tmp_path / "a.hex", code, at))
 
 
 @pytest.mark.parametrize(
     ("raw", "words"),
     [
-        (b"\x7fELF", "no Intel HEX file; give the .hex file"),
-        (b"", "no Intel HEX file"),
+        (b"\x7fELF", "not an Intel HEX file; give the .hex file"),
+        (b"", "not an Intel HEX file"),
         (b":10000000zz\n", "damaged Intel HEX file"),
         (b":0100000001FD\n:00000001FF\n", "damaged Intel HEX file"),  # its sum is FE
-        (b":00000001FF\n", "holds no bytes"),
+        (b":00000001FF\n", "has no bytes"),
         (b":\xff\xff", "damaged Intel HEX file"),
         (b":" + bytes(5_000_000), "too long"),
     ],
@@ -120,7 +120,7 @@ def test_a_manifest_says_what_it_is_and_holds_it_to_that(tmp_path: Path) -> None
     with pytest.raises(FlashError, match="its SHA-256 differs; get both again"):
         firmware.read(path)
     path.with_name("manifest.json").write_text("{")
-    with pytest.raises(FlashError, match="is no manifest of firmware"):
+    with pytest.raises(FlashError, match="is not a firmware manifest"):
         firmware.read(path)
 
 
@@ -150,10 +150,10 @@ def test_a_manifest_is_signed_by_a_known_key_or_refused(tmp_path: Path) -> None:
     with pytest.raises(FlashError, match="not signed by the release's key"):
         firmware.is_signed(tmp_path, keys)
     signature.write_text("no digits")
-    with pytest.raises(FlashError, match="is no signature"):
+    with pytest.raises(FlashError, match="is not a signature"):
         firmware.is_signed(tmp_path, keys)
     keys.write_text("ab\n")
-    with pytest.raises(FlashError, match="holds a line that is no key"):
+    with pytest.raises(FlashError, match="has a line that is not a key"):
         firmware.is_signed(tmp_path, keys)
 
 

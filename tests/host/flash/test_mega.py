@@ -97,7 +97,7 @@ def test_a_page_that_is_not_kept_ends_it_with_nothing_that_runs() -> None:
     def stop_keeping(done: int, _: int) -> None:
         board.keeps = done < 10
 
-    with pytest.raises(HalfWritten, match=r"the page at 0x0900 was not kept"):
+    with pytest.raises(HalfWritten, match=r"the page at 0x0900 reads back wrong"):
         mega.write(bootloader, IMAGE, stop_keeping)
     assert board.flash.startswith(LOOP)
 
@@ -115,7 +115,7 @@ def test_another_chip_is_told_and_left_alone(signature: str, name: str) -> None:
 
 def test_an_image_must_end_below_the_bootloader_and_have_bytes() -> None:
     board = Stk500v2Board(OLD)
-    with pytest.raises(FlashError, match="the bootloader begins at 253952"):
+    with pytest.raises(FlashError, match="the bootloader starts at 253952"):
         mega.write(reached(board), {0: 1, 0x3E000: 2})
     with pytest.raises(FlashError, match="no bytes"):
         mega.write(reached(board), {})

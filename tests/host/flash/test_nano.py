@@ -115,7 +115,7 @@ def test_a_page_that_is_not_kept_ends_it_with_nothing_that_runs() -> None:
     def stop_keeping(done: int, _: int) -> None:
         board.keeps = done < 10
 
-    with pytest.raises(HalfWritten, match=r"the page at 0x0480 was not kept"):
+    with pytest.raises(HalfWritten, match=r"the page at 0x0480 reads back wrong"):
         nano.write(bootloader, nano.OPTIBOOT_AT, IMAGE, stop_keeping)
     assert board.flash.startswith(LOOP)
 
@@ -130,7 +130,7 @@ def test_another_chip_is_told_and_left_alone(signature: str) -> None:
 
 def test_an_image_must_end_below_the_bootloader_and_have_bytes() -> None:
     board = Stk500Board(OLD)
-    with pytest.raises(FlashError, match="the bootloader begins at 30720"):
+    with pytest.raises(FlashError, match="the bootloader starts at 30720"):
         nano.write(reached(board), nano.ATMEGABOOT_AT, {0: 1, nano.ATMEGABOOT_AT: 2})
     with pytest.raises(FlashError, match="no bytes"):
         nano.write(reached(board), nano.OPTIBOOT_AT, {})

@@ -134,7 +134,7 @@ def test_a_board_that_does_not_restart_is_told(
 ) -> None:
     monkeypatch.setattr(pico, "GONE_S", 0.2)
     loader.appear(restarts=False)
-    with pytest.raises(HalfWritten, match="still there"):
+    with pytest.raises(HalfWritten, match="still exists"):
         pico.flash(None, FILE, quiet)
 
 
@@ -192,7 +192,7 @@ def test_the_format_is_the_published_one() -> None:
         (FILE[512:], "damaged"),
         (FILE[:512] + b"x" + FILE[513:], "damaged"),
         (uf2.encoded(IMAGE, firmware.PICO_AT, uf2.FAMILIES["rp2350"]), "RP2040"),
-        (uf2.encoded(IMAGE, 0x2000_0000, FAMILY), "fits no board"),
+        (uf2.encoded(IMAGE, 0x2000_0000, FAMILY), "fits none of its boards"),
     ],
 )
 def test_a_damaged_or_other_file_is_refused(
