@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a sensor's calibration is worth today: its age and its temperature; in words
+"""Whether a sensor's calibration is still good: its age and its temperature; in words
 with the cure, and as flags of poses."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ OLD_DAYS = 365
 APART_DEGC = 10.0
 STEP_DEGC = 5.0  # of what words say
 G_M_S2 = 9.80665
-# Of an accelerometer that nobody has calibrated at two temperatures: the sigma of an
+# Of an accelerometer that was not calibrated at two temperatures: the sigma of an
 # axis, a kelvin (CALIBRATION_DRIFT in firmware/core).
 DRIFT_M_S2_K = 0.75e-3 * G_M_S2
 
@@ -26,7 +26,7 @@ DRIFT_M_S2_K = 0.75e-3 * G_M_S2
 class Condition(StrEnum):
     """Of a sensor's calibration; what is wrong first comes first."""
 
-    UNCALIBRATED = "uncalibrated"  # or nobody knows how well it is
+    UNCALIBRATED = "uncalibrated"  # or with unknown errors
     OLD = "old"
     OTHER_TEMPERATURE = "other temperature"
     UNKNOWN_TEMPERATURE = "unknown temperature"  # then, or now
@@ -41,7 +41,7 @@ _WORDS = {
         "calibrated at another temperature{moved}: imud calibrate verify"
     ),
     Condition.UNKNOWN_TEMPERATURE: (
-        "perhaps calibrated at another temperature, which nobody knows: imud calibrate "
+        "perhaps calibrated at another temperature, which is unknown: imud calibrate "
         "verify"
     ),
 }

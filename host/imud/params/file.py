@@ -46,7 +46,7 @@ _HEX = re.compile(r"([0-9a-f]{2})*")
 
 
 class ParamsFile(msgspec.Struct, frozen=True):
-    """What a file holds: the params, and for which probe they are, if it says so."""
+    """The content of a file: the params, and for which probe they are, if given."""
 
     params: Params
     probe_id: str | None = None
@@ -104,11 +104,11 @@ def _key(part: Part, wire: tuple[int, ...]) -> Iterator[str]:
 
 
 def parse(text: str) -> ParamsFile:
-    """What the text of a file says; ParamsError with the first mistake."""
+    """The params in the text of a file; ParamsError with the first mistake."""
     try:
         table = tomllib.loads(text)
     except RecursionError:
-        raise ParamsError("it nests too deep") from None
+        raise ParamsError("it is nested too deep") from None
     except ValueError as error:  # of tomllib; or thousands of digits, a 30 February
         words = str(error).partition(";")[0]
         raise ParamsError(f"it is not TOML: {words}") from None
@@ -116,7 +116,7 @@ def parse(text: str) -> ParamsFile:
     if unknown:
         what = min(unknown, key=list(table).index)
         raise ParamsError(
-            f"there is no {_shown(what)} in params; there are {', '.join(NAMES)}"
+            f"there is no {_shown(what)} in params, only {', '.join(NAMES)}"
         )
     probe_id = _text(table, "probe", _ID, "16 hexadecimal digits, an id of imud list")
     digest = _text(table, "digest", _DIGEST, "8 hexadecimal digits")
@@ -126,7 +126,7 @@ def parse(text: str) -> ParamsFile:
         raise ParamsError("it holds no params; imud params clear PROBE removes all")
     if digest is not None and digest != f"{params.digest:08x}":
         raise ParamsError(
-            f"the digest does not fit: the values give {params.digest:08x}; if you "
+            f"the digest does not match: the values give {params.digest:08x}; if you "
             "edited them on purpose, delete the line that begins with digest"
         )
     return ParamsFile(params, probe_id)
@@ -142,7 +142,7 @@ def _records(table: Mapping[str, Any]) -> Iterator[ParamsRecord]:
             raise ParamsError(f"{where}: a tag is a number from 0 to 255")
         if int(key) in KINDS:
             name = KINDS[int(key)].name
-            raise ParamsError(f"{where}: this is a record that is known: [{name}]")
+            raise ParamsError(f"{where}: this record has a table of its own: [{name}]")
         yield ParamsRecord(int(key), _bytes(value, where))
 
 
@@ -158,7 +158,7 @@ def _record(kind: Kind, table: Mapping[str, Any]) -> ParamsRecord:
         if key not in kind.keys and key not in (PARTS, TAIL):
             known = ", ".join(kind.keys)
             raise ParamsError(
-                f"[{kind.name}] {_shown(key)}: there is no such key; there are {known}"
+                f"[{kind.name}] {_shown(key)}: there is no such key, only {known}"
             )
     count = table.get(PARTS, len(kind.parts))
     if not isinstance(count, int) or not 0 <= count <= len(kind.parts):
@@ -168,7 +168,7 @@ def _record(kind: Kind, table: Mapping[str, Any]) -> ParamsRecord:
         where = f"[{kind.name}] {part.key}"
         if index >= count:
             if part.key in table:
-                raise ParamsError(f"{where}: the record ends before, as parts says")
+                raise ParamsError(f"{where}: `parts` ends the record before this key")
             continue
         # An option that is left out is as without the record: the word of number 0.
         default = part.words[0] if kind.name == "options" else None
@@ -189,7 +189,7 @@ def _told(table: Mapping[str, Any], key: str) -> str:
 def _in_order(
     table: Mapping[str, Any], records: list[ParamsRecord]
 ) -> list[ParamsRecord]:
-    """By tag, unless the file says in which order."""
+    """By tag, unless the file gives the order."""
     tags = table.get("order", [])
     if not isinstance(tags, list) or not all(isinstance(tag, int) for tag in tags):
         raise ParamsError("order is a list of tags, such as [3, 1]")
@@ -234,17 +234,17 @@ def read(path: Path) -> ParamsFile:
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror}") from error
     if len(data) > SIZE_MAX:
-        raise ParamsError(f"{path}: it is too long for a file of params")
+        raise ParamsError(f"{path}: it is too long for a params file")
     try:
         return parse(data.decode("utf-8"))
     except UnicodeDecodeError:
-        raise ParamsError(f"{path}: it is no text") from None
+        raise ParamsError(f"{path}: it is not text") from None
     except ParamsError as error:
         raise ParamsError(f"{path}: {error}") from None
 
 
 def write(path: Path, params: Params, probe_id: str | None) -> None:
-    """Writes a file, in place of one that is there; FileError if it can't."""
+    """Writes a file, or replaces it; FileError if it can't."""
     try:
         path.write_text(written(params, probe_id), "utf-8")
     except OSError as error:

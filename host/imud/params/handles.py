@@ -25,7 +25,7 @@ def applied(name: str, current: Params) -> Params:
     """
     if name not in names():
         raise ParamsError(
-            f"there is no file {name}, and no handle of this name; there are "
+            f"there is no file {name}, and no handle of this name, only "
             f"{', '.join(names())}"
         )
     for record in file.read(FOLDER / f"{name}.toml").params.records:

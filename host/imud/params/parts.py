@@ -41,7 +41,7 @@ SUFFIXES = {
     "uT": "_uT",
 }
 
-# Decimals that tell all steps of any part apart.
+# Decimals that distinguish all steps of any part.
 
 
 class Part:
@@ -119,7 +119,7 @@ class Part:
     def _checked(self, wire: Wire) -> Wire:
         low, high = self._low, self._high
         if self.null is not None:
-            # The number that says "not known" is at one end of the range.
+            # The number for "not known" is at one end of the range.
             low += self.null[0] == low
             high -= self.null[0] == high
         for number in wire:
@@ -150,7 +150,7 @@ class Part:
         for number, word in self.words.items():
             if word == plain:
                 return number
-        raise ValueError(f"is not {', '.join(self.words.values())}")
+        raise ValueError(f"is not one of {', '.join(self.words.values())}")
 
     def _numbers(self, plain: object) -> Iterator[float]:
         values = plain if isinstance(plain, list | tuple) else (plain,)

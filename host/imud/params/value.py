@@ -216,7 +216,7 @@ class Params(msgspec.Struct, frozen=True):
         return Options(**plain)
 
     def faults(self) -> list[str]:
-        """Why a probe would refuse them, or should: a line each. Empty: it will not."""
+        """Why a probe refuses them, or should: a line each. Empty: it accepts them."""
         return list(self._faults())
 
     def check(self) -> None:
@@ -299,7 +299,7 @@ def _tip_faults(wire: Mapping[str, Wire]) -> Iterator[str]:
     for part, numbers in (("offset", offset), ("axis", axis)):
         null = nulls[part]
         if numbers and null and numbers != null and null[0] in numbers:
-            yield f"tip: the {part} is known in part only"
+            yield f"tip: the {part} is only partly known"
             return
     if offset and offset != nulls["offset"]:
         distance_m = math.hypot(*offset) / 1e6

@@ -56,7 +56,7 @@ def test_a_temperature_that_is_not_known_is_never_called_good():
     assert after(0, GOOD, None) == unknown
     assert after(0, GOOD | {"temperature_c": None}, 90.0) == unknown
     assert after(OLD_DAYS + 1, GOOD, None) == Condition.OLD
-    assert "which nobody knows" in advice({"acc": unknown})
+    assert "which is unknown" in advice({"acc": unknown})
     assert flags_of({"acc": unknown}) == ()
 
 
@@ -164,7 +164,7 @@ def test_poses_alone_tell_that_a_calibration_is_far_from_its_temperature(
     advises(25.9, "")
     advises(
         None,
-        f"{which} perhaps calibrated at another temperature, which nobody knows: imud "
+        f"{which} perhaps calibrated at another temperature, which is unknown: imud "
         "calibrate verify",
     )
 

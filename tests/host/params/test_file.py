@@ -89,7 +89,7 @@ def edited(old: str, new: str) -> str:
 
 def test_who_edits_a_file_takes_out_its_digest() -> None:
     text = file.written(GOOD, ID).replace("12.5", "12.75")
-    with pytest.raises(ParamsError, match=r"does not fit: .* delete the line"):
+    with pytest.raises(ParamsError, match=r"does not match: .* delete the line"):
         file.parse(text)
     acc = file.parse(edited("12.5", "12.75")).params.acc
     assert acc is not None
@@ -100,7 +100,7 @@ def test_who_edits_a_file_takes_out_its_digest() -> None:
     ("old", "new", "words"),
     [
         ("[acc]", "[accelerometer]", "there is no accelerometer in params"),
-        ("sigma_m_s2", "sigma", "[acc] sigma: there is no such key; there are bias_c"),
+        ("sigma_m_s2", "sigma", "[acc] sigma: there is no such key, only bias_c"),
         ("0.012", '"small"', "[acc] sigma_m_s2: small is not a number"),
         ("0.012", "-1", "[acc] sigma_m_s2: -1.0 is not from 0.0 to 6.5534"),
         ("0.012", "inf", "[acc] sigma_m_s2: is not a number"),
@@ -108,14 +108,18 @@ def test_who_edits_a_file_takes_out_its_digest() -> None:
         ("1.002", "2.5", "[acc] matrix: 2.5 is not from -2.0 to 1.99994"),
         ("[1.002, 0.001,   0.0],", "", "[acc] matrix: needs 3 rows of 3 numbers"),
         ("0.001,   0.0]", "0.001]", "[acc] matrix: needs 3 rows of 3 numbers"),
-        ('"positions"', '"luck"', "[acc] method: luck is not unknown, guided"),
+        ('"positions"', '"luck"', "[acc] method: luck is not one of unknown, guided"),
         ('method = "positions"', "", "[acc] method: is missing"),
         ('method = "positions"', "day = 3", "[acc] day: is not a date"),
         ("[acc]", "acc = 1\n[gyr]", "acc is a table: [acc] on a line of its own"),
         ("[acc]", "[acc]\nparts = 9", "[acc] parts is not from 0 to 8"),
-        ("[acc]", "[acc]\nparts = 2", "sigma_m_s2: the record ends before"),
+        ("[acc]", "[acc]\nparts = 2", "sigma_m_s2: `parts` ends the record"),
         ("[acc]", "[acc]\ntail = 'x'", "[acc] tail: bytes are pairs of hexadecimal"),
-        ("[acc]", "[unknown]\n5 = ''\n[acc]", "5: this is a record that is known: [op"),
+        (
+            "[acc]",
+            "[unknown]\n5 = ''\n[acc]",
+            "5: this record has a table of its own: [op",
+        ),
         ("[acc]", "[unknown]\n999 = ''\n[acc]", "a tag is a number from 0 to 255"),
         ("[acc]", "[unknown]\n99 = 'f'\n[acc]", "99: bytes are pairs of hexadecimal"),
         (ID, "stylus", "probe is not 16 hexadecimal digits"),
@@ -163,7 +167,7 @@ def test_a_file_on_disk_is_named_in_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"can't read .*stylus\.toml: No such"):
         file.read(path)
     path.write_bytes(b"\xff\xfe")
-    with pytest.raises(ParamsError, match=r"stylus\.toml: it is no text"):
+    with pytest.raises(ParamsError, match=r"stylus\.toml: it is not text"):
         file.read(path)
     path.write_bytes(b"#" * 200_000)
     with pytest.raises(ParamsError, match=r"stylus\.toml: it is too long"):

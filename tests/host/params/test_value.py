@@ -135,7 +135,7 @@ def test_a_tip_and_options() -> None:
         ("tip", {"offset_m": "far"}, "tip: offset_m is not numbers"),
         ("tip", {"day": "today"}, "tip: day is not a date, such as 2026-11-22"),
         ("tip", {"day": datetime.date(1999, 12, 31)}, "1999-12-31 is not from 2000-01"),
-        ("tip", {"method": "luck"}, "tip: method is not unknown, guided"),
+        ("tip", {"method": "luck"}, "tip: method is not one of unknown, guided"),
         ("tip", {"sigma_m": -1}, "tip: sigma_m -1.0 is not from 0.0 to 0.65534"),
         ("tip", {"sigma": 1}, "tip has no sigma, only offset_m"),
         ("hat", {}, "there is no record 'hat', only acc, gyr"),
@@ -169,7 +169,7 @@ def body(size: int) -> Params:
         (body(30), None),
         (
             Params((ParamsRecord(4, b"\0\0\0\x80" + bytes(19)),)),
-            "tip: the offset is known in part only",
+            "tip: the offset is only partly known",
         ),
         (
             Params((ParamsRecord(5, b"\3\0"),)),
