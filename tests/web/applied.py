@@ -15,7 +15,7 @@ def apply_and_undo(shown: Seen, desk: Desk) -> None:
     """Judges the calibration under way, applies it, and takes it back."""
     page = shown.page
     page.get_by_role("button", name="Finish now").click()
-    page.get_by_text("not in force yet").wait_for()
+    page.get_by_text("not active yet").wait_for()
     assert not desk.probe.params.records
     page.get_by_role("button", name="Apply").click()
     page.get_by_text("The calibration is active").wait_for()

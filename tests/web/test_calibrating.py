@@ -89,7 +89,7 @@ def test_a_restart_of_the_probe_is_refused() -> None:
     *_, last = states("acc", [*found[:500], *found[:5]], ends=0)
     assert (last["phase"], last["why"]) == (
         "refused",
-        "the probe restarted; begin again",
+        "the probe restarted; start again",
     )
 
 
@@ -203,7 +203,7 @@ def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
         browser.say(do="calibrate", id=2, probe=PROBE, kind="acc")
         while (answer := browser.next("answer"))["id"] != 2:
             pass
-        assert answer["error"] == "this probe is being calibrated"
+        assert answer["error"] == "this probe is already being calibrated"
         until(lambda: len(served.asked.all) == 3)
         sending = Sending(served)
         sending.start()
@@ -268,7 +268,7 @@ def test_a_probe_that_is_renamed_meanwhile_is_left_as_it_was(
         sending.stop()
         record = calibration(browser, "refused")
         assert record["probe"] == "pen"
-        assert record["why"] == "the probe is called pen now; begin again"
+        assert record["why"] == "the probe was renamed to pen; start again"
         until(lambda: len(served.asked.all) == 6)
         assert [(name, command) for name, command, _ in served.asked.all[3:]] == [
             *(("pen", "stop"), ("pen", "fields"), ("pen", "rate"))
@@ -297,7 +297,7 @@ def test_a_probe_that_never_tells_its_params_is_refused(
     monkeypatch.setattr(guide, "KNOWN_S", 0.1)
     with served.live() as browser:
         browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
-        assert "has not told its params" in calibration(browser, "refused")["why"]
+        assert "has not sent its params" in calibration(browser, "refused")["why"]
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
     page = shown.page
     page.locator(".result").get_by_text(words).first.wait_for()
     if kind != "verify":
-        page.get_by_text("not in force yet").wait_for()
+        page.get_by_text("not active yet").wait_for()
         page.get_by_role("button", name="Apply").click()
         page.get_by_text("The calibration is active").first.wait_for()
         assert desk.probe.params.records != CALIBRATED.encode()
@@ -147,7 +147,10 @@ def test_who_judges_too_early_is_asked_for_poses_once(
         page.get_by_role("button", name="Apply").wait_for()
     else:
         asked.get_by_text("lay it on its left side").wait_for()
-        assert "Refused. What was in force still is." in page.locator(SAYS).inner_text()
+        assert (
+            "Refused. The previous calibration stays active."
+            in page.locator(SAYS).inner_text()
+        )
     desk.hand.pick_up()
     assert desk.probe.params.records == CALIBRATED.encode()
 

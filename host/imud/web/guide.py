@@ -130,7 +130,7 @@ class CalibrationGuide:
         if hello and (why := out_of_work(status)):
             raise GuideError(why)
         if not self._is_known():
-            raise GuideError("the probe has not told its params yet; try again")
+            raise GuideError("the probe has not sent its params yet; try again")
         rate_hz = hello["sample_rate"]
         scale = Scale(hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], rate_hz)
         earth = msgspec.convert(status.get("place"), Earth | None)
@@ -204,7 +204,7 @@ class CalibrationGuide:
         if not watching.cancelled() and (error := watching.exception()) is not None:
             raise error
         if not self.is_told:
-            raise GuideError("the calibration ended early; begin again")
+            raise GuideError("the calibration ended early; start again")
 
     async def _watch(self, process: processes.Process) -> None:
         """Ends the calibrator if nothing comes, or it does not keep up."""
@@ -214,15 +214,15 @@ class CalibrationGuide:
                 await asyncio.wait_for(self._heard.wait(), SILENT_S)
             except TimeoutError:
                 processes.kill(process)
-                why = "the probe sends no raw samples any more; is it unplugged?"
+                why = "the probe stopped sending raw samples; is it unplugged?"
                 if (name := self._name_now()) != self._probe:
-                    why = f"the probe is called {name} now; begin again"
+                    why = f"the probe was renamed to {name}; start again"
                 raise GuideError(why) from None
             await asyncio.sleep(TICK_S)
             waiting = process.stdin.transport.get_write_buffer_size()  # type: ignore[union-attr]
             if waiting > WAITING_MAX:
                 processes.kill(process)
-                raise GuideError("this machine is too busy to calibrate; begin again")
+                raise GuideError("this machine is too busy to calibrate; start again")
 
     def _say(self, **fields: Any) -> None:
         name = self._name_now()
@@ -241,7 +241,7 @@ class Guides:
         """Begins one; GuideError if there is one of that probe."""
         before = self._all.get(probe)
         if before is not None and not (before.is_told or before.is_over):
-            raise GuideError("this probe is being calibrated")
+            raise GuideError("this probe is already being calibrated")
         self._all[probe] = CalibrationGuide(
             probe, kind, self._feed, self._ask, self._tell, before
         )

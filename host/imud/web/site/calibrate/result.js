@@ -80,7 +80,7 @@ export class ResultCard {
     }
     const isGood = findings.every((/** @type {any} */ one) => one.verdict === "good");
     const words = outcome === null ? (isGood ? "it holds" : "calibrate again") : "";
-    const state = isApplied ? "in force" : isBefore ? "not in force yet" : "other params are in force";
+    const state = isApplied ? "active" : isBefore ? "not active yet" : "other params are active";
     say(this._verdict, words || state);
     mark(this._verdict, "class", `chip ${(words ? isGood : isApplied) ? "good" : "warn"}`);
     const text = JSON.stringify([outcome, findings]);
