@@ -151,7 +151,7 @@ def test_a_tip_is_found_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert tip.offset_m == pytest.approx(found["offset_m"], abs=1e-6)
     *_, last = states("tip", samples[:1200], CALIBRATED, ends=1)
     assert last["phase"] == "refused"
-    assert "too little" in last["why"]
+    assert "too short" in last["why"]
 
 
 @contextlib.contextmanager

@@ -135,7 +135,7 @@ def test_who_judges_too_early_is_asked_for_poses_once(
     page, five = shown.page, calibrating(len(ASKED))
     begin(shown, desk, "all", five)
     shown.until("imud.model.probe.calibration.poses === 5")
-    page.get_by_role("button", name="Judge now").click()
+    page.get_by_role("button", name="Finish now").click()
     asked = page.locator(".guide [role=alert]")
     asked.get_by_text("lay it on its left side").wait_for()
     assert page.evaluate(PHASE) == "running"

@@ -117,7 +117,7 @@ def _of_positions(args: argparse.Namespace, error_m: float) -> TipFound:
         return _on_sphere(places, error_m)
     offset = positions.pivot(places, attitudes, error_m)
     sigma = float(np.sqrt(np.mean(offset.sigma_m**2)))
-    note = f"{1000.0 * offset.residual_m:.2f} mm left over at {count} positions"
+    note = f"{1000.0 * offset.residual_m:.2f} mm residual at {count} positions"
     return TipFound("sphere", offset.offset_m, sigma, note=note)
 
 

@@ -90,7 +90,7 @@ def test_few_poses_are_refused_with_the_cure(
     upright = [pose.up for pose in TWELVE if pose.sign[2] >= 0]
     probe = FakeProbe(**RATES)
     for ups, words in (
-        (upright[:3], "only 3 poses are too few; lay the probe still"),
+        (upright[:3], "3 poses are too few; lay the probe still"),
         ([pose.up for pose in TWELVE[:1]] * 6, "tilt would be +-"),
         (upright[:5], "it was never upside down: turn it over"),
     ):

@@ -108,7 +108,7 @@ def test_a_name_without_a_daemon_asks_for_the_port(
 @pytest.mark.parametrize(
     ("ports", "words"),
     [
-        ((), "no USB serial port: plug the board in"),
+        ((), "no USB serial port; plug the board in"),
         (("/dev/ttyUSB3", "/dev/ttyACM1"), "name one: /dev/ttyACM1, /dev/ttyUSB3"),
         (("/dev/ttyUSB3",), "may be another program's; if it is the board's: imud "),
     ],
@@ -131,7 +131,7 @@ def test_a_port_that_is_not_there_or_none_at_all_is_one_line(
 ) -> None:
     where = ("--connect", reached.ENDPOINT)
     line = refused(capsys, str(tmp_path / "ttyUSB0"), *where)
-    assert "is not there; plug the board in" in line
+    assert "does not exist; plug the board in" in line
     monkeypatch.setattr(check_ports, "WARNED_S", 0.0)
     file = tmp_path / "file"
     file.write_text("no port\n")

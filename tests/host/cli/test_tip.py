@@ -127,7 +127,7 @@ def test_positions_and_attitudes_give_the_tip(desk: Desk, tmp_path: Path) -> Non
     with Stream(desk.chain, ()):
         code, out, _ = desk.run("--method", "sphere", "--positions", table)
     assert code == 0
-    assert "0.00 mm left over at 20 positions" in out
+    assert "0.00 mm residual at 20 positions" in out
     tip = desk.in_force.tip
     assert tip is not None
     assert tip.offset_m == pytest.approx(TIP, abs=2e-6)
@@ -181,7 +181,7 @@ def test_a_capture_holds_a_wobble_or_says_what_it_lacks(
     probe = FakeProbe(**RATES)
     for samples, words in (
         (wobbled(Wobble(), 26.0), "this probe's sensors are not calibrated"),
-        (wobbled(Wobble(), 26.0)[:900], "of wobbling are too little"),
+        (wobbled(Wobble(), 26.0)[:900], "of wobbling is too short"),
     ):
         path = capture(tmp_path / "wobble.bin", probe, samples)
         code = main(["calibrate", "tip", "--from", str(path), "--dry-run"])

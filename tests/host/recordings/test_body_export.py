@@ -163,7 +163,7 @@ def test_a_pose_without_a_compass_aligns_nothing(recorded: Path):
     times_s = np.arange(len(motion)) / motion.rate_hz
     none = np.zeros_like(motion.mag)
     body = chain.read(leg.CHAIN, "leg")
-    with pytest.raises(AlignmentRefused, match="needs a compass, and thigh has none"):
+    with pytest.raises(AlignmentRefused, match="needs headings, and thigh has none"):
         still = {"thigh": fused.attitudes(times_s, motion.gyr, motion.acc, none)}
         still["shank"] = still["thigh"]
         session.of(body, still, 0.0)

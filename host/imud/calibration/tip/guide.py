@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The guided search for the tip as a state machine: samples in; a status out, which a
-terminal and a page show alike. It does no I/O and has no clock.
+"""The guided search for the tip as a state machine: samples in; a status out, for a
+terminal as for a page. It does no I/O and has no clock.
 
 Stand the tip in a dimple, hold the probe still for a second, wobble it.
 """
@@ -162,8 +162,7 @@ class Dimpling:
         return None
 
     def _is_spoilt(self) -> bool:
-        """Whether the samples so far can't become good: a rest is as good as the
-        first."""
+        """Whether the samples so far can't become good: then a new rest restarts it."""
         return self.fit is None or (
             self.trouble is not None and self.trouble.kind in ("slips", "base_gives")
         )
@@ -186,7 +185,7 @@ class Dimpling:
         return self._judged() if self.seconds >= LONGEST_S else None
 
     def _tell(self, trouble: CalibrationFault | None) -> None:
-        """Says what is wrong once, not with each digit that changes."""
+        """Reports a fault once, not with each digit that changes."""
         kinds = [
             each.kind if each is not None else "" for each in (trouble, self.trouble)
         ]
@@ -218,14 +217,14 @@ class Dimpling:
         if self.fit is None or self.swing is None or self.seconds < SURE_S:
             return CalibrationFault(
                 "too_short",
-                f"{self.seconds:.0f} s of wobbling are too short",
+                f"{self.seconds:.0f} s of wobbling is too short",
                 f"wobble it for {LEAST_S:.0f} s and keep the tip in its place",
             )
         return weakness(self.fit, self.swing, self._trust)
 
     @property
     def score(self) -> TipScore | None:
-        """The error to expect by now."""
+        """The expected error so far."""
         return score_of(self.fit, self._trust) if self.fit else None
 
     @property
@@ -240,7 +239,7 @@ class Dimpling:
         return WOBBLE
 
     def status(self) -> TipStatus:
-        """What a screen shows now."""
+        """The status for a screen."""
         score, swing = self.score, self.swing
         return TipStatus(
             self.phase,
@@ -258,5 +257,5 @@ class Dimpling:
 
 
 def _is_unsure(weak: CalibrationFault | None) -> bool:
-    """Whether a few seconds more may do."""
+    """Whether a few more seconds may be enough."""
     return weak is not None and weak.kind not in ("slips", "uncalibrated")
