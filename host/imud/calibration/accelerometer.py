@@ -24,9 +24,9 @@ ROUNDS = 6
 # room, and a bad chip, of which some have half a g.
 USUAL = np.repeat([0.04 * GRAVITY_M_S2, 0.02, 0.01], 3)
 BAD = np.repeat([0.6 * GRAVITY_M_S2, 0.05, 0.03], 3)
-BAD_COST = 4.0  # weighted squares for each residual and parameter that speak for BAD
+BAD_COST = 4.0  # weighted squares for each residual and parameter that indicate BAD
 
-# Of the mean of a stop, m/s2: white noise of a reading, and what does not average out.
+# Of the mean of a stop, m/s2: white noise of a reading, and an error that stays.
 NOISE_M_S2 = 0.035
 FLOOR_M_S2 = 0.004
 
@@ -48,7 +48,7 @@ class AccFit:
 
     @property
     def residual_m_s2(self) -> float:
-        """Rms of what the fit leaves over, for the parameters that it has."""
+        """Rms residual of the fit, for its number of parameters."""
         freedom = max(len(self.residual) - 4, 1)
         return float(np.sqrt((self.residual**2).sum() / freedom))
 
@@ -93,8 +93,8 @@ def _fit(
 
 
 def _linear(readings: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How the length of each force changes with the parameters, and by how much it is
-    off gravity.
+    """Derivatives of each force's length by the parameters, and its difference from
+    gravity.
     """
     matrix = np.eye(3) + symmetric(x[3:])
     shifted = readings - x[:3]

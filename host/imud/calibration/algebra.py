@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the fits share: cross-product matrices, integrated turns, symmetric matrices."""
+"""Shared by the fits: cross-product matrices, integrated turns, symmetric matrices."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def symmetric(six: FloatArray) -> FloatArray:
 
 
 def symmetric_slopes(vectors: FloatArray) -> FloatArray:
-    """How symmetric(six) @ vector changes with each of the six: shape (..., 3, 6)."""
+    """Derivatives of symmetric(six) @ vector by the six: shape (..., 3, 6)."""
     zero = np.zeros(vectors.shape[:-1])
     x, y, z = np.moveaxis(vectors, -1, 0)
     rows = [[x, zero, zero, y, z, zero], [zero, y, zero, x, zero, z]]
@@ -78,8 +78,8 @@ def symmetric_slopes(vectors: FloatArray) -> FloatArray:
 
 
 def row_slopes(vectors: FloatArray) -> FloatArray:
-    """How matrix @ vector changes with each of its nine entries, rows first: shape
-    (..., 3, 9).
+    """Derivatives of matrix @ vector by the nine entries, rows first: shape (..., 3,
+    9).
     """
     slopes = np.zeros((*vectors.shape[:-1], 3, 9))
     for row in range(3):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""By how much an accelerometer's bias moves with its temperature, learned where it is
-calibrated at another one than before.
+"""The drift of an accelerometer's bias with temperature, learned from two calibrations
+at different temperatures.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from imud.params.value import Calibration, Params
 
 MG = 1e-3 * GRAVITY_M_S2
 DRIFT_MAX_M_S2_K = 255 / 12800  # the wire's largest
-# What a bias moves by itself between two calibrations, sigma of an axis; assumed.
+# Change of a bias between two calibrations without a cause, sigma of an axis; assumed.
 REPEATS_M_S2 = 2.0 * MG
-# No temperature moves a bias by so much a kelvin: it was knocked, or is another one.
+# Temperature never moves a bias so much a kelvin: it was knocked, or replaced.
 IMPOSSIBLE_M_S2_K = 5.0 * MG
-DOUBT = 2.0  # sigmas beyond which what was known no longer holds
+DOUBT = 2.0  # sigmas of a contradiction that discards the earlier drift
 
 
 def drift_of(
     before: Calibration | None, after: Calibration, count_m_s2: float
 ) -> float | None:
     """What each kelvin from the temperature of the calibration `after` adds to the
-    one-sigma error of an axis, m/s2; None: nobody knows. `count_m_s2`: of one count.
+    one-sigma error of an axis, m/s2; None: unknown. `count_m_s2`: of one count.
 
-    The slopes of the axes between both calibrations and their uncertainty, for slopes
-    that are as likely to be those of a data sheet as of what was known before. The less
-    two calibrations tell, the more stays what was known; what contradicts it is held
-    against the data sheet again.
+    The slopes of the axes between both calibrations and their uncertainty, weighed
+    against the earlier drift or the data sheet's. The less two calibrations show, the
+    more of the earlier drift is kept; where they contradict it, the data sheet's is
+    used again.
     """
     if before is None:
         return None
@@ -47,8 +47,8 @@ def drift_of(
     prior = (known or DRIFT_M_S2_K) ** 2
     if moved_square > DOUBT**2 * (prior * apart_k**2 + noise_square):
         prior = max(prior, DRIFT_M_S2_K**2)
-    # Of the slopes this share of `moved * apart_k` is believed, and this share of the
-    # noise is the variance that is left.
+    # The weight of the slopes against `moved * apart_k`; the same share of the noise is
+    # the remaining variance.
     trust = prior / (prior * apart_k**2 + noise_square)
     square = trust * (trust * apart_k**2 * moved_square + noise_square)
     return min(float(np.sqrt(square)), DRIFT_MAX_M_S2_K)

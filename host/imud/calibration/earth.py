@@ -48,7 +48,7 @@ def earth_at(
 
 
 def strangeness(earth: Earth, norm_ut: float, dip_deg: float) -> str | None:
-    """What is strange about a field that was measured there; None: nothing."""
+    """How a measured field differs from the Earth's here; None: it does not."""
     share = norm_ut / earth.norm_uT - 1.0
     if abs(share) > NORM_SHARE:
         word = "strong" if share > 0.0 else "weak"

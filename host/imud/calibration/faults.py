@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What makes a calibration worthless, and how to cure it; the faults of the magnetic
-field, which spoil every way to calibrate a magnetometer.
+"""Faults of a calibration, each with its remedy; those of the magnetic field, which
+spoil every method for a magnetometer.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 """The gyroscope's scale and cross-axis terms from turns between stops, after Tedaldi,
 Pretto and Menegatti (2014).
 
-Gravity, as the calibrated accelerometer sees it at a stop, must be where the turned
-gyroscope takes it by the next one. The bias is interpolated between the stops' means.
+Gravity at a stop, by the calibrated accelerometer, must agree with gravity at the stop
+before, rotated by the gyroscope. The bias is interpolated between the stops' means.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from imud.rotation import FloatArray
 ROUNDS = 3
 PARAMETERS = 12  # nine of the matrix, a constant bias beyond the interpolated one
 
-# One-sigma priors: scale, cross-axis, and the bias that stops do not show, rad/s.
+# One-sigma priors: scale, cross-axis, and the part of the bias that stops miss, rad/s.
 SCALE, CROSS = 0.02, 0.01
 BIAS_RAD_S = math.radians(0.005)
 
@@ -95,8 +95,8 @@ class Turns:
     def linear(
         self, x: FloatArray, up: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """How the differences of gravity across turns change with the parameters, those
-        differences, and the attitudes.
+        """The differences of gravity across turns, their derivatives by the parameters,
+        and the attitudes.
         """
         matrix = np.eye(3) + x[:9].reshape(3, 3)
         shifted = self.shifted - x[9:]

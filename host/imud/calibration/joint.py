@@ -3,7 +3,7 @@
 gyroscope's at the same time.
 
 Lengths of gravity alone leave shear unseen where a few faces were up. But gravity must
-be where the gyroscope takes it, so that the angles between the faces count, too: nine
+agree with the gyroscope's turns, so the angles between the faces count, too: nine
 parameters of one sensor and twelve of the other, with the priors of both.
 """
 
@@ -37,8 +37,9 @@ def refined(
     sigma: FloatArray,
     start: AccFit,
 ) -> AccFit:
-    """The fit `start` of the mean readings (k, 3) with errors (k,), m/s2, with what the
-    turns say; `start` itself if no two stops follow each other without a gap.
+    """The fit `start` of the mean readings (k, 3) with errors (k,), m/s2, with the
+    evidence of the turns; `start` itself if no two stops follow each other without a
+    gap.
     """
     turns = gyroscope.Turns.of(recording, stops, sigma / GRAVITY_M_S2)
     if not len(turns.pairs):
@@ -58,7 +59,7 @@ def refined(
     freedom = max(len(readings) + 2 * len(turns.pairs) - len(x), 1)
     chi = math.sqrt(float((weights * off**2).sum()) / freedom)
     if chi > max(DIFFERENT_CHI, DIFFERENT_CHI * start.chi):
-        return start  # a gyroscope that does not turn as gravity does
+        return start  # a gyroscope that disagrees with gravity
     return replace(
         start,
         matrix=np.eye(3) + symmetric(x[3:9]),
@@ -78,8 +79,8 @@ def _chi_of_lengths(residual: FloatArray, sigma: FloatArray) -> float:
 def _linear(
     turns: gyroscope.Turns, readings: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """How lengths and differences of directions change with all parameters, and what
-    they are off.
+    """Lengths and differences of directions: derivatives by all parameters, and
+    residuals.
     """
     matrix, shifted = np.eye(3) + symmetric(x[3:9]), readings - x[:3]
     force = shifted @ matrix.T

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The magnetometer's bias and matrix in the accelerometer's frame, from attitudes that
-the other sensors give; after Kok and Schon (2016).
+"""The magnetometer's bias and matrix in the accelerometer's frame, from the attitudes
+of the other sensors; after Kok and Schon (2016).
 
 reading = D (v + lag w x v) + o, with v = R' h the field h of the place as the body sees
 it, w its rate and `lag` the magnetometer's delay. Twelve parameters, the field, the
@@ -24,8 +24,8 @@ LEAST = 60  # readings
 ROUNDS = 6
 
 NOISE_UT = 0.6  # of a reading, at least
-# One-sigma priors: the probe's own field, soft iron, and how the two dies are turned
-# against each other, rad.
+# One-sigma priors: the probe's own field, soft iron, and the rotation between the two
+# dies, rad.
 OWN_UT, SOFT, TURNED = 40.0, 0.05, 0.05
 LAG_S, LAG_SIGMA_S = 0.0125, 0.02
 DRIFT = math.radians(0.1)  # of the heading, rad in a second; grows with its root
@@ -39,7 +39,7 @@ MATRIX, OWN, FIELD, LAG, KNOTS = slice(9), slice(9, 12), slice(12, 15), 15, 16
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What the magnetometer read, and where the probe was then."""
+    """The magnetometer's readings, and the probe's attitudes at their times."""
 
     mag: FloatArray  # (n, 3) uT
     late_s: FloatArray  # (n,) since the attitude's time
@@ -102,23 +102,20 @@ class MagFit:
 
     @property
     def residual_ut(self) -> float:
-        """Rms of what the fit leaves over, an axis."""
+        """Rms residual of an axis."""
         return float(np.sqrt((self.residual**2).mean()))
 
     @property
     def noise_ut(self) -> float:
-        """The white noise of an axis, by the differences of residuals that follow each
-        other: whatever else is left over changes more slowly than from one reading to
-        the next.
+        """The white noise of an axis, from the differences of successive residuals: all
+        other errors change more slowly.
         """
         steps = np.linalg.norm(np.diff(self.residual, axis=0), axis=1)
         return float(np.median(steps)) / (MEDIAN * math.sqrt(2.0))
 
     @property
     def uneven_ut(self) -> float:
-        """Rms of what is left over beside the noise: of a field that is not the same
-        everywhere, or of an attitude that is wrong.
-        """
+        """Rms residual without the noise: of an uneven field, or of wrong attitudes."""
         return math.sqrt(max(self.residual_ut**2 - self.noise_ut**2, 0.0))
 
 
@@ -245,8 +242,8 @@ def _robust(residual: FloatArray) -> tuple[FloatArray, float]:
 def _linear(
     readings: Readings, x: FloatArray, drift: _Drift
 ) -> tuple[FloatArray, FloatArray]:
-    """How predicted readings change with the parameters, shape (3 n, parameters), and
-    what the real ones have more than predicted, shape (n, 3).
+    """Derivatives of predicted readings by the parameters, shape (3 n, parameters), and
+    residuals (measured less predicted), shape (n, 3).
     """
     matrix, field, lag = x[MATRIX].reshape(3, 3), x[FIELD], x[LAG]
     angle = drift.shares @ x[KNOTS:]

@@ -29,11 +29,11 @@ NEAR = math.cos(math.radians(20.0))  # a turn this close to one of the 24 is tha
 
 
 class MountError(ImudError):
-    """No mounting is called so."""
+    """There is no mounting of this name."""
 
 
 class MountTold(msgspec.Struct, frozen=True):
-    """How a module is mounted, for people: in words, and where its arrows point."""
+    """How a module is mounted: a text for users, and the directions of its arrows."""
 
     words: str
     x: str
@@ -46,7 +46,7 @@ class ModuleMount:
     """One of the 24."""
 
     turn: FloatArray  # matrix of 0, 1 and -1 from the module's axes to the housing's
-    is_assumed: bool = False  # nobody has shown or said it
+    is_assumed: bool = False  # assumed: neither found nor given
 
     @property
     def name(self) -> str:
@@ -78,7 +78,7 @@ class ModuleMount:
         return MountTold(self.words, x, y, self.is_plain and not self.is_assumed)
 
     def sample(self, sample: Sample) -> Sample:
-        """What a module with the housing's axes would have read."""
+        """The readings that a module with the housing's axes would have had."""
         return Sample(
             sample.t_us,
             self._counts(sample.acc),
@@ -130,7 +130,7 @@ def named(name: str) -> ModuleMount:
 
 
 def of_matrix(matrix: FloatArray) -> ModuleMount | None:
-    """The mounting that a calibration's matrix has; None if it is near none."""
+    """The mounting that a calibration's matrix has; None if none is close."""
     if np.linalg.det(matrix) < 0.1:
         return None
     turn = closest_turn(matrix)

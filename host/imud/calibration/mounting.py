@@ -21,22 +21,22 @@ from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 
 SENSORS = ("acc", "gyr", "mag")
-# The poses that tell a mounting, in the order in which they are asked for. Three would
-# do; the others tell whether they were laid as asked.
+# The poses that show a mounting, in the order of the guide's requests. Three are
+# enough; the others verify that the requests were followed.
 ASKED = ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0))
 # What is left between the forces and the best mounting, in g: a hand misses a face by
-# 10 degrees, a scale is off by 5 %. A pose that was not laid as asked leaves 0.7.
+# 10 degrees, a scale is off by 5 %. A wrong pose leaves 0.7.
 LEFT_MAX_G = 0.4
 
 
 def of_calibration(of: Calibration | None) -> ModuleMount:
-    """That of a sensor; as it is if nothing is known of it."""
+    """The calibration of a sensor; the identity if it has none."""
     found = None if of is None else of_matrix(np.array(of.matrix))
     return found or PLAIN
 
 
 def mounted(params: Params, mount: ModuleMount) -> Params:
-    """The params with all three sensors mounted so; all else that is known stays."""
+    """The params with all three sensors mounted so; everything else is kept."""
     for name in SENSORS:
         before = params.calibration(name)
         old = of_calibration(before)
@@ -61,7 +61,7 @@ def result_of_mount(mount: ModuleMount, before: Params) -> CalibrationResult:
 def through(
     mount: ModuleMount, before: Params, make: Callable[[Params], CalibrationResult]
 ) -> CalibrationResult:
-    """What `make` finds of readings that were turned, for those that the module has.
+    """The result of `make` for turned readings, converted to the module's own.
     It gets the params before as they would be of a module with the housing's axes.
     """
     turned = _turned(mounted(before, mount), mount.turn)
@@ -98,7 +98,7 @@ class MountFinder:
 
     def add(self, force_m_s2: FloatArray) -> ModuleMount | None:
         """The mean reading of a stop in the pose that was asked for; the mounting once
-        it is known. MountError if it can't have been laid so: then it begins again.
+        it is known. MountError if the poses contradict it: then it starts again.
         """
         self.forces_g.append(force_m_s2 / GRAVITY_M_S2)
         count = len(self.forces_g)
@@ -113,7 +113,7 @@ class MountFinder:
 
     def _best(self) -> tuple[ModuleMount, float]:
         """The mounting that explains the forces best with an offset of the sensor, and
-        the largest force that is left, g.
+        the largest residual force, g.
         """
         forces = np.array(self.forces_g)
         asked = np.array(ASKED[: len(forces)], dtype=float)

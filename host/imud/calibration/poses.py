@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The 26 ways to lay a probe down that a guide asks for, in words, and which of them
-would teach the most.
+adds most information.
 
 A pose is named by where up points in the body: x ahead, y to the left, z to the top.
 """
@@ -79,16 +79,16 @@ UPS = np.array([pose.up for pose in ALL])
 
 
 def gains(fit: AccFit) -> FloatArray:
-    """How uncertain the length of gravity is in each of ALL, m/s2: what a stop there
-    would tell.
+    """How uncertain the length of gravity is in each of ALL, m/s2: the information of a
+    stop there.
     """
     slopes = np.einsum("ti,tij->tj", UPS, direction_slopes(fit.matrix, UPS))
     return np.asarray(np.sqrt(np.einsum("tj,jk,tk->t", slopes, fit.covariance, slopes)))
 
 
 def wanted(fit: AccFit | None) -> StaticPose:
-    """The pose that would teach the most; faces before edges before corners if they are
-    alike. `fit`: of the stops so far, None before the first.
+    """The pose that adds most information; faces before edges before corners if they
+    are equal. `fit`: of the stops so far, None before the first.
     """
     if fit is None:
         return BASE_DOWN

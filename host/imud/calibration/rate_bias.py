@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The gyroscope's bias from motion that never rests: gravity, averaged over some
-seconds, must stay where it is in the frame that the gyroscope carries.
+seconds, must be constant in the frame of the integrated gyroscope.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from imud.rotation import FloatArray
 
 AVERAGE_S = 3.0  # of the force, to find gravity: motion averages out
 KNOT_S = 1.0  # between two such means
-# Means of the force overlap, so that they tell less than their number says.
+# Means of the force overlap, so they have less information than their number suggests.
 ALIKE = AVERAGE_S / KNOT_S
 APART = 6  # knots between two means that are compared, while the frame still turns
 APART_ROUNDS, ROUNDS = 5, 10
@@ -37,7 +37,7 @@ def of_motion(
     rate: FloatArray, force: FloatArray, step_s: float
 ) -> tuple[FloatArray, float]:
     """The bias of calibrated rates (n, 3), rad/s, by calibrated force (n, 3), m/s2; and
-    its one-sigma error, of the axis that is known worst.
+    its one-sigma error, of the least certain axis.
     """
     bias = np.zeros(3)
     covariance = np.eye(3)

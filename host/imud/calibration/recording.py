@@ -25,7 +25,7 @@ IntArray = npt.NDArray[np.intp]
 
 
 class Scale(msgspec.Struct, frozen=True):
-    """What one count of each sensor is worth, and how many samples come a second."""
+    """The value of one count of each sensor, and the number of samples a second."""
 
     acc_m_s2: float
     gyr_rad_s: float
@@ -36,7 +36,7 @@ class Scale(msgspec.Struct, frozen=True):
 class Sample(msgspec.Struct, frozen=True):
     """One raw sample in counts; `mag` is None where the magnetometer had nothing new.
 
-    `is_clipped`: the probe says that a sensor reached the end of its range.
+    `is_clipped`: the probe reports that a sensor reached the end of its range.
     """
 
     t_us: int  # device time, unrolled
@@ -66,7 +66,7 @@ class SensorRecording:
 
     @property
     def seconds(self) -> float:
-        """How long it lasts, without what is missing."""
+        """Its duration without missing samples."""
         return len(self) * self.step_s
 
     def is_whole(self, start: int, end: int) -> bool:
@@ -184,7 +184,7 @@ class Gatherer:
 
     @classmethod
     def of(cls, scale: Scale, samples: Iterable[Sample]) -> Self:
-        """One that has taken all of these samples."""
+        """A gatherer with all of these samples."""
         made = cls(scale)
         for sample in samples:
             made.add(sample)

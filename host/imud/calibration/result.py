@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a calibration puts into the params of a probe, and what to know of it."""
+"""The result of a calibration: new params, and figures for the report."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ACC_RESIDUAL_MAX, GYR_RESIDUAL_MAX = 6.5, 0.65
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """New params, and what was found on the way."""
+    """New params, and the figures behind them."""
 
     params: Params
     sensors: tuple[str, ...]  # the recalibrated ones
@@ -32,7 +32,7 @@ class CalibrationResult:
     heading_deg: float | None = None
     level_ut: float | None = None  # of the field; the heading's error scales with it
     housing_deg: float | None = None  # by how much the sensor is turned in its housing
-    note: str | None = None  # what is strange about the room
+    note: str | None = None  # peculiarities of the room
     tip: TipFound | None = None
     mount: MountTold | None = None  # how the module is mounted
 
@@ -63,9 +63,8 @@ _LIMITS = {"residual_m_s2": ACC_RESIDUAL_MAX, "residual_rad": GYR_RESIDUAL_MAX}
 def with_sensor(
     params: Params, name: str, affine: Affine, scale: Scale, values: dict[str, Any]
 ) -> Params:
-    """The params with the record of a sensor, with `values` by their keys; what a fit
-    leaves over is at most what the wire can say. How an accelerometer drifts stays
-    known.
+    """The params with the record of a sensor, with `values` by their keys; residuals
+    are limited to the wire's maximum. The drift of an accelerometer is kept.
     """
     unit = {"acc": scale.acc_m_s2, "gyr": scale.gyr_rad_s, "mag": scale.mag_ut}[name]
     shown = {

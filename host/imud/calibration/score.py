@@ -29,8 +29,8 @@ TILT_LIMIT_MAX_DEG = 1.0
 HEADING_MAX_DEG = 2.5
 
 RARE = 2.576  # sigmas of a normal variable that is beyond it once in 200 times
-TILT_FLOOR_DEG = 0.05  # what no residual shows
-UNKNOWN_TILT_DEG = 2.0  # of an accelerometer that nobody calibrated
+TILT_FLOOR_DEG = 0.05  # an error that no residual shows
+UNKNOWN_TILT_DEG = 2.0  # of an uncalibrated accelerometer
 TILT_TO_HEADING = 1.5  # a tilt error turns the heading by this times itself, dip 65
 
 ATTITUDES = spread(np.random.default_rng(3), 120)
@@ -48,17 +48,17 @@ class CalibrationScore:
 
     @property
     def is_good(self) -> bool:
-        """Whether a calibration of all sensors may be put in force."""
+        """Whether a calibration of all sensors may be activated."""
         return self.is_level and self.is_headed
 
     @property
     def is_headed(self) -> bool:
-        """Whether one of the magnetometer may be put in force."""
+        """Whether one of the magnetometer may be activated."""
         return self.heading_deg is not None and self.heading_deg <= HEADING_MAX_DEG
 
     @property
     def is_level(self) -> bool:
-        """Whether one of the accelerometer may be put in force."""
+        """Whether one of the accelerometer may be activated."""
         return self.tilt_limit_deg <= TILT_LIMIT_MAX_DEG
 
 
@@ -71,11 +71,10 @@ def direction_slopes(matrix: FloatArray, up: FloatArray) -> FloatArray:
 
 
 def tilt_errors(fit: AccFit) -> tuple[float, float]:
-    """The rms error of tilt over all attitudes, degrees: its one-sigma value, and that
-    which is exceeded once in 200 times.
-
-    Its square is a sum of squares of normal variables. Where one of them dominates, as
-    when an axis was never up, large errors are more frequent than where many share it.
+    """The rms error of tilt over all attitudes, degrees: its one-sigma value, and the
+    value that is exceeded once in 200 times. Its square is a sum of squares of normal
+    variables. Where one of them dominates, as when an axis was never up, large errors
+    are more frequent than where many share it.
     """
     slopes = direction_slopes(fit.matrix, UP)
     across = np.eye(3) - UP[:, :, None] * UP[:, None, :]
@@ -114,8 +113,8 @@ def field_deg(fit: MagFit, stops: int) -> float:
 
 
 def _inflation(fit: MagFit, stops: int) -> float:
-    """By how much the variance grows because the residual is more than noise: the rest
-    is an uneven field, which stays the same through a stop and a move.
+    """The factor of the variance for a residual above the noise: the excess is an
+    uneven field, which stays the same through a stop and a move.
     """
     found, noise = fit.residual_ut**2, fit.noise_ut**2
     alike = 2.0 * len(fit.residual) / max(2 * stops - 1, 1)
@@ -136,7 +135,7 @@ def score(acc: AccFit, mag: MagFit | None, stops: int) -> CalibrationScore:
 
 
 def stated_tilt_deg(acc: Calibration | None) -> float:
-    """The tilt error of an accelerometer's calibration, as the params state it."""
+    """The tilt error of an accelerometer's calibration, by the params."""
     if acc is None or acc.sigma is None:
         return UNKNOWN_TILT_DEG
     return math.degrees(acc.sigma * math.sqrt(2.0) / GRAVITY_M_S2)

@@ -44,17 +44,17 @@ POSES = {pose.name: pose for pose in poses.ALL}
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What is calibrated."""
+    """The probe and its data."""
 
     scale: Scale
-    params: Params  # in force
+    params: Params  # active
     has_mag: bool
     earth: Earth | None = None  # the field of the place, if it is known
 
 
 @dataclass(slots=True)
 class CalibrationSession:
-    """Follows one kind of calibration until it is over. `day` goes into the params."""
+    """Runs one kind of calibration until it ends. `day` goes into the params."""
 
     kind: Kind
     subject: Subject
@@ -94,7 +94,7 @@ class CalibrationSession:
 
     @property
     def is_over(self) -> bool:
-        """Whether there is a result, or none to come."""
+        """Whether it has ended, with or without a result."""
         return self.phase != "running"
 
     def feed(self, sample: Sample) -> None:
@@ -187,7 +187,7 @@ class CalibrationSession:
         self.phase, self._why = "refused", why
 
     def state(self) -> dict[str, Any]:
-        """What a screen shows now."""
+        """The state for a screen."""
         state: dict[str, Any] = {
             "kind": self.kind,
             "phase": self.phase,

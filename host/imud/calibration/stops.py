@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where a probe lay still in a recording."""
+"""The rests of a probe in a recording."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Blocks:
 
     @classmethod
     def of(cls, recording: SensorRecording) -> Blocks:
-        """Says which blocks of a recording are still."""
+        """Finds the still blocks of a recording."""
         size = max(2, round(BLOCK_S / recording.step_s))
         count = len(recording) // size
         if count == 0:
@@ -88,6 +88,6 @@ def find_stops(recording: SensorRecording) -> list[StaticInterval]:
 def lasting(
     stops: Iterable[StaticInterval], recording: SensorRecording, seconds: float
 ) -> list[StaticInterval]:
-    """Those that last so long, but for half a block."""
+    """Those of at least this duration, less half a block."""
     least = seconds - BLOCK_S / 2
     return [each for each in stops if len(each) * recording.step_s >= least]

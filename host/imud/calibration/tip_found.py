@@ -10,7 +10,7 @@ from imud.rotation import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class TipFound:
-    """Body frame. None: this method does not tell."""
+    """Body frame. None: this method does not find it."""
 
     method: str  # as the params name it
     offset_m: FloatArray | None = None  # of the tip from the sensor

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a guided calibration tells: events as they happen, and a status for a screen."""
+"""The output of a guided calibration: events, and a status for a screen."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OVER = ("done", "refused")
 
 
 class PoseTaken(msgspec.Struct, frozen=True):
-    """A stop counts; `is_new` is False for an attitude that was there before."""
+    """A stop counts; `is_new` is False for a repeated attitude."""
 
     count: int
     up: tuple[float, float, float]
@@ -25,14 +25,14 @@ class PoseTaken(msgspec.Struct, frozen=True):
 
 
 class Troubled(msgspec.Struct, frozen=True):
-    """Something went wrong; the procedure goes on."""
+    """Something went wrong; the procedure continues."""
 
     fault: CalibrationFault
 
 
 class Finished(msgspec.Struct, frozen=True):
-    """The calibration is good. The fit is that of readings as a module with the
-    housing's axes would have them: `mount` tells how this one is mounted.
+    """The calibration is good. The fit is for readings along the housing's axes;
+    `mount` is the module's mounting.
     """
 
     fit: ModuleFit
@@ -41,13 +41,13 @@ class Finished(msgspec.Struct, frozen=True):
 
 
 class FitRefused(msgspec.Struct, frozen=True):
-    """It is not good enough, or can't be made."""
+    """The calibration is refused."""
 
     fault: CalibrationFault
 
 
 class MountFound(msgspec.Struct, frozen=True):
-    """How the module is mounted; nothing else was to be found."""
+    """The module's mounting, which was all that was asked for."""
 
     mount: ModuleMount
 
@@ -56,7 +56,7 @@ Event = MountFound | PoseTaken | Troubled | Finished | FitRefused
 
 
 class ProcedureStatus(msgspec.Struct, frozen=True):
-    """What a screen shows."""
+    """The status for a screen."""
 
     phase: Phase
     instruction: str = msgspec.field(name="says")  # what to do now

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What makes a guided calibration worthless, and how to cure it: broken modules, a
-strange room, poses that are missing.
+"""Faults of a guided calibration, each with its remedy: broken modules, an uneven
+field, missing poses.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ ALIVE_UT, DEAD_UT = 20.0, 1.0
 WRONG_RAD = math.radians(10.0)  # rms of gravity after a turn: axes are swapped
 BETTER = 4.0  # swapped axes explain the turns better by this factor
 SHAKING_CHI = 4.0
-STOPS_MIN = 6  # with fewer nothing is said of the module
+STOPS_MIN = 6  # with fewer the module is not judged
 
 
 BROKEN = "try another module, and check the wires"
@@ -38,7 +38,7 @@ BROKEN = "try another module, and check the wires"
 def of_module(
     recording: SensorRecording, stops: list[StaticInterval], fit: ModuleFit | None
 ) -> CalibrationFault | None:
-    """A sensor that can't be calibrated, as far as the recording shows it."""
+    """The fault of a sensor that the recording shows; None: none."""
     if fit is None or len(stops) < STOPS_MIN:
         return None
     return _stuck(recording, stops, fit) or _swapped(recording, fit)
@@ -195,7 +195,7 @@ def _weak_level(fit: ModuleFit) -> CalibrationFault:
 
 
 def _missing(fit: ModuleFit) -> str:
-    """Which pose would help most."""
+    """The pose that would help most."""
     shown: FloatArray = fit.up
     wanted = poses.wanted(fit.acc)
     if wanted.sign[2] < 0 and shown[:, 2].min() > -0.5:

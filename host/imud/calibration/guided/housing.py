@@ -29,9 +29,9 @@ HALF_TURN = (math.radians(150.0), math.radians(210.0))
 def turned(
     first: FloatArray, second: FloatArray, angle_rad: float
 ) -> FloatArray | CalibrationFault:
-    """The rotation matrix from the sensor's frame to the housing's, or why there is
-    none. `first`, `second`: unit vectors up in the sensor's frame at the two stops;
-    `angle_rad`: how far the probe was turned between them, by the gyroscope.
+    """The rotation matrix from the sensor's frame to the housing's, or the reason why
+    there is none. `first`, `second`: unit vectors up in the sensor's frame at the two
+    stops; `angle_rad`: how far the probe was turned between them, by the gyroscope.
     """
     leaning = math.acos(np.clip(min(first @ UP, second @ UP), -1.0, 1.0))
     if leaning > LEANING_MAX:
@@ -62,8 +62,8 @@ def turn_about_up(rate: FloatArray, step_s: float, up: FloatArray) -> float:
 
 
 def found(recording: SensorRecording, fit: ModuleFit) -> FloatArray | None:
-    """The turn into the housing, if a recording has the two stops for it: the last ones
-    that follow each other. None: it has not.
+    """The turn into the housing, from the last two successive stops of a recording that
+    fit; None: there are none.
     """
     pairs = list(itertools.pairwise(zip(fit.stops, fit.up, strict=True)))
     for (first, up), (last, up_last) in reversed(pairs):

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The guided calibration as a state machine: samples in; events and a status out, which
-a terminal and a page show alike. It does no I/O and has no clock.
+"""The guided calibration as a state machine: samples in; events and a status out, for a
+terminal as for a page. It does no I/O and has no clock.
 
 Lay it still, turn it, lay it still: each stop in another attitude is a pose. After the
 twelfth good pose, once the score allows it, come two more for the housing.
@@ -45,11 +45,11 @@ POSES_MAX = 24  # with so many poses it is done or refused
 ALIKE = math.cos(math.radians(20.0))  # stops closer than this are one pose
 ATTEMPTS = 2  # at poses that show how a module is mounted
 TILT_DONE_DEG = 0.1  # good enough to stop asking
-MOVED_S = 0.75  # stillness that ended too early is told about
+MOVED_S = 0.75  # a stillness that ended too early is reported
 
 
 class Stillness(Enum):
-    """What the probe does while it is to be laid down.
+    """The state of the probe between two poses.
 
     MOVES --- still ---> LIES --- for GOOD_S ---> COUNTS
       ^                   |                         |
@@ -70,8 +70,8 @@ class Procedure:
       |                                 +--- not half a turn ------+            |
       +--- without the two for the housing -------------------------------------+
 
-    A fault of the module leads from each phase to `refused`, and the end of a user who
-    has had enough to `done` or `refused`.
+    A fault of the module leads from each phase to `refused`, and an early end by the
+    user to `done` or `refused`.
 
     `count`: how many poses to ask for. `wants_housing`: whether the two for the housing
     follow. `mount`: how the module is mounted; None: the first poses, which have to be
@@ -96,7 +96,7 @@ class Procedure:
     _stops: list[StaticInterval] = field(default_factory=list)
     _checked: int = 0
     _first_down: StaticInterval | None = None
-    _has_asked: bool = False  # for poses that are missing, when the user had enough
+    _has_asked: bool = False  # for missing poses, when the user ends early
     _finder: MountFinder = field(default_factory=MountFinder)
 
     def __post_init__(self) -> None:
@@ -119,8 +119,8 @@ class Procedure:
         return self._look(self._gatherer.recording())
 
     def end(self) -> list[Event]:
-        """The user ends it early: evaluates the samples so far. Who lacks poses is told
-        which, once, and may go on.
+        """The user ends it early: evaluates the samples so far. Missing poses are
+        reported once, and the user may continue.
         """
         if self.is_over:
             return []
@@ -133,7 +133,7 @@ class Procedure:
         return self._trouble(self.trouble)
 
     def recording(self) -> SensorRecording:
-        """All that it was fed."""
+        """All samples so far, as a recording."""
         return self._gatherer.recording()
 
     def _look(self, recording: SensorRecording) -> list[Event]:
@@ -154,7 +154,7 @@ class Procedure:
         return self._add_stop(recording)
 
     def _move(self, recording: SensorRecording) -> list[Event]:
-        """The probe moves; perhaps it did so too early."""
+        """The probe moves, perhaps too early."""
         before, self._stillness = self._stillness, Stillness.MOVES
         if before is not Stillness.LIES:
             return []
@@ -239,12 +239,12 @@ class Procedure:
         return self._after_pose(recording)
 
     def _early(self, recording: SensorRecording) -> AccFit:
-        """What a few stops say, for the choice of the next one."""
+        """A rough fit of a few stops, for the choice of the next one."""
         readings, sigma = accelerometer.means(recording, self._stops)
         return accelerometer.fit(readings, sigma)
 
     def _up(self, recording: SensorRecording, stop: StaticInterval) -> FloatArray:
-        """Where up is in the body, as well as it is known."""
+        """The direction of up in the body, by the fit so far."""
         mean = recording.acc[stop.start : stop.end].mean(axis=0)
         return units(self.fit.acc.force(mean) if self.fit is not None else mean)
 
@@ -278,7 +278,7 @@ class Procedure:
         angle = housing.turn_about_up(self.fit.gyr.rate[between], recording.step_s, up)
         turn = housing.turned(self._up(recording, first), up, angle)
         if isinstance(turn, CalibrationFault):
-            # Where it lies now may be the first of another try.
+            # The current stop may be the first of another try.
             self._first_down = last if up @ poses.BASE_DOWN.up > ALIKE else None
             self.phase = "half_turn" if self._first_down is not None else "base_down"
             return self._trouble(turn)
@@ -309,7 +309,7 @@ class Procedure:
         )
 
     def status(self) -> ProcedureStatus:
-        """What a screen shows now."""
+        """The status for a screen."""
         step_s = self._gatherer.step_s
         is_still = self._stillness is not Stillness.MOVES
         still_s = (self._checked - self._still_since) * step_s if is_still else 0.0

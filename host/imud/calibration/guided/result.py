@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the guided calibrations put into the params of a probe."""
+"""The params that result from guided calibrations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 
 SENSORS = ("acc", "gyr", "mag")
-GYR_SIGMA_MIN = 1e-4  # what no turn of half a minute shows
+GYR_SIGMA_MIN = 1e-4  # an error that turns of half a minute don't show
 HOUSING_MAX_RAD = math.radians(15.0)  # of an old one that is kept
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Whether an old calibration still holds, in ten seconds: lay the probe still, turn it
-over, lay it still.
+"""Checks in ten seconds whether a calibration is still good: lay the probe still, turn
+it over, lay it still.
 
 What must agree: the length of gravity at each stop, the gyroscope's turn with
 gravity's, and the field's strength and dip in each attitude.
@@ -31,9 +31,9 @@ from imud.rotation import FloatArray
 
 SECONDS = 10.0
 LONGEST_S = 30.0  # to wait for two stops
-APART_RAD = math.radians(60.0)  # between two stops: else they tell too little
+APART_RAD = math.radians(60.0)  # between two stops: closer ones show too little
 
-# What may be found in a good calibration, for each degree of tilt or heading.
+# Limits of a good calibration.
 TILT_GOOD_DEG = 0.5
 HEADING_GOOD_DEG = 3.0
 GYR_GOOD = 0.01  # of the turned angle
@@ -54,13 +54,13 @@ class Report(msgspec.Struct, frozen=True):
 
     @property
     def is_good(self) -> bool:
-        """Whether every sensor is calibrated and held."""
+        """Whether every sensor is calibrated and good."""
         return all(each.verdict == "good" for each in self.findings)
 
 
 @dataclass(slots=True)
 class Verify:
-    """Collects samples until it can say; no I/O."""
+    """Collects samples until a verdict is possible; no I/O."""
 
     scale: Scale
     params: Params
@@ -73,7 +73,7 @@ class Verify:
 
     @property
     def seconds(self) -> float:
-        """How much it has heard."""
+        """The seconds of samples so far."""
         return len(self._gatherer) * self._gatherer.step_s
 
     def feed(self, sample: Sample) -> Report | None:
@@ -92,7 +92,7 @@ class Verify:
 
     @property
     def instruction(self) -> str:
-        """What to do now."""
+        """The next instruction."""
         recording = self._gatherer.recording()
         stops = find_stops(recording)
         if not stops:

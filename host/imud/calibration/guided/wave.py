@@ -32,16 +32,16 @@ from imud.calibration.stops import find_stops
 from imud.rotation import FloatArray
 
 LEAST_S = 10.0
-# Beyond these it is not the field that is to blame: of samples that are clipped; of an
+# Beyond these the field is not the cause: of samples that are clipped; of an
 # accelerometer; of the heading's limit that the level takes; of a gyroscope's bias.
 CLIPPED_MAX, OFF_M_S2, LEVEL_SHARE, REST_DEG_S = 0.005, 0.4, 0.9, 0.5
 SURE = 4.0  # sigmas
-ALIKE_S = 4.0  # errors of an uneven field stay alike for so long
+ALIKE_S = 4.0  # correlation time of an uneven field's errors
 
 
 @dataclass(frozen=True, slots=True)
 class Wave:
-    """What a wave says of the magnetometer."""
+    """The magnetometer's calibration by a wave."""
 
     mag: MagFit
     heading_deg: float  # error to expect, with the tilt's part
@@ -55,7 +55,8 @@ def fit(
     recording: SensorRecording, acc: Affine, gyr: Affine, tilt_deg: float
 ) -> Wave | None:
     """The magnetometer's calibration in the frame of calibrated force and rate; None if
-    the recording does not determine one. `tilt_deg`: how well the force is known.
+    the recording does not determine one. `tilt_deg`: the error of the force's
+    direction.
     """
     if recording.seconds < LEAST_S:
         return None
@@ -111,7 +112,7 @@ def weakness(wave: Wave | None, clipped: float = 0.0) -> CalibrationFault | None
 
 
 def _of_motion(wave: Wave, clipped: float) -> CalibrationFault | None:
-    """What makes the attitude wrong, so that a field that is even looks uneven."""
+    """Faults of the attitude, which make an even field look uneven."""
     if clipped > CLIPPED_MAX:
         return CalibrationFault(
             "clipped",
@@ -175,9 +176,9 @@ DONE_DEG = 1.0  # good enough to stop
 
 @dataclass(slots=True)
 class Waving:
-    """Collects a wave until it is good; no I/O. `acc`, `gyr`: the calibrations in
-    force for readings in nominal units. `mount`: how the module is mounted, which they
-    have in them, too.
+    """Collects a wave until it is good; no I/O. `acc`, `gyr`: the calibrations in force
+    for readings in nominal units. `mount`: how the module is mounted, which they
+    include.
     """
 
     scale: Scale
@@ -194,7 +195,7 @@ class Waving:
 
     @property
     def seconds(self) -> float:
-        """How much it has heard."""
+        """The seconds of samples so far."""
         return len(self._gatherer) * self._gatherer.step_s
 
     @property

@@ -23,9 +23,7 @@ STOPS_MIN = 4  # with fewer there is nothing to fit
 
 @dataclass(frozen=True, slots=True)
 class ModuleFit:
-    """What one recording says of a module. `mag` is None without readings that
-    determine it.
-    """
+    """The fits of one recording. `mag` is None without readings that determine it."""
 
     stops: tuple[StaticInterval, ...]
     acc: AccFit

@@ -39,8 +39,8 @@ KNOTS = 45
 LAG_S = 0.005  # expected
 ROOM_UT = 0.4  # least noise of a mean of the field
 FORCE_M_S2 = 0.02  # and of a mean force
-# Windows that overlap and rooms whose field changes slowly tell less than their number
-# says: their variances count so many times.
+# Overlapping windows, and rooms whose field changes slowly, have less information than
+# their number suggests: factors of their variances.
 FORCE_ALIKE, FIELD_ALIKE = 4.0, 5.0
 FAR = 3.0  # sigmas, beyond which a mean counts less
 
@@ -94,11 +94,11 @@ class Rows:
     variance_inflation: float
 
     def left(self, step: FloatArray) -> FloatArray:
-        """What a step leaves over, (k, 3)."""
+        """The residuals after a step, (k, 3)."""
         return self.away - self.slopes @ step
 
     def noise(self, left: FloatArray) -> float:
-        """Of an axis, by what most of the means leave over."""
+        """Noise of an axis, by the residuals of most means."""
         return max(self.least, 1.2 * float(np.median(_sizes(left))))
 
     def weighted(self, step: FloatArray | None) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What a probe's own use teaches of its sensors: collects raw samples, says when a fit
-is worth its time, and what it makes of it. No I/O, no thread, no clock.
+"""Learns a probe's sensors from its normal use: collects raw samples, decides when a
+fit is worth its time, and evaluates its result. No I/O, no thread, no clock.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ LEAST_S = 20.0
 # the probe changes its own field, so samples before and after it do not fit together.
 PARTS_S = (30.0, 16.0)
 EVERY_S, SELDOM_S, GROWTH = 3.0, 60.0, 1.15  # between two fits; without news
-TURNED_RAD = math.pi  # since the last fit, at least: what lies teaches nothing
+TURNED_RAD = math.pi  # since the last fit, at least: a probe at rest shows nothing new
 
-# The heading's error that may be put in force, and how much smaller it must be than
-# that of the calibration in force.
+# Limit of the heading's error, and how much smaller it must be than that of the active
+# calibration.
 HEADING_MAX_DEG = 7.0
 BETTER = 0.9
 # Beyond these it is no module of ours, or the motion was no motion of a hand.
@@ -62,7 +62,7 @@ class RestRate(msgspec.Struct, frozen=True):
 
 
 class Proposal(msgspec.Struct, frozen=True):
-    """What would be put in force."""
+    """The learned params, to be activated."""
 
     params: Params
     tilt_deg: float  # one-sigma errors to expect
@@ -77,7 +77,7 @@ class Work(msgspec.Struct, frozen=True):
     scale: Scale
     rest: RestRate | None
     base: bytes  # records before anything was learned
-    records: bytes  # in force
+    records: bytes  # active
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +120,8 @@ class Learner:
         )
 
     def begin(self, records: bytes) -> Work:
-        """The fit that is due, with these params in force. What was learned before is
-        not taken for knowledge: it comes from the same samples.
+        """The fit that is due, with these active params. An earlier result of learning
+        is no prior: it comes from the same samples.
         """
         if self.base is None or not filter_can_continue(self.base, records):
             self.base = records
@@ -139,8 +139,8 @@ class Learner:
 
 
 def learned_of(work: Work) -> Learned:
-    """What the samples say of all three sensors, if that is good and better than the
-    params in force.
+    """The calibration of all three sensors, if it is good and better than the active
+    params.
     """
     begin_us, scale = work.samples[0].t_us, work.scale
     recording = Gatherer.of(scale, work.samples).recording()
@@ -164,7 +164,8 @@ def learned_of(work: Work) -> Learned:
     for start in _starts(calibrated):
         found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
         if found is not None and not _is_module(found):
-            # No shorter part is to be believed: its priors alone would make it sound.
+            # Shorter parts are not reliable: their priors alone would make them look
+            # good.
             return Learned(None, rest)
         if found is None or not _is_sound(found) or not _is_better(found, before):
             continue
@@ -217,8 +218,8 @@ def _calibrated(
 
 
 def sigma_of(calibration: Calibration | None) -> float | None:
-    """The error that a calibration states. None where it says nothing, or was learned
-    itself, mostly from the same samples: then it is where to begin, and no knowledge.
+    """The error that a calibration states. None where it states none, or was learned
+    itself, mostly from the same samples: then it is the initial guess, but no prior.
     """
     if calibration is None or calibration.method == METHOD:
         return None
@@ -226,7 +227,7 @@ def sigma_of(calibration: Calibration | None) -> float | None:
 
 
 def known_of(params: Params) -> Priors:
-    """What the params in force say before the fit."""
+    """The prior by the active params."""
     known = Priors()
     acc, gyr, mag = sigma_of(params.acc), sigma_of(params.gyr), sigma_of(params.mag)
     if acc is not None:
@@ -240,7 +241,7 @@ def known_of(params: Params) -> Priors:
 
 
 def _is_module(found: MotionFit) -> bool:
-    """Whether accelerometer and gyroscope are such as modules have."""
+    """Whether accelerometer and gyroscope are plausible for a module."""
     is_usual = float(np.abs(found.acc.bias).max()) < ACC_BIAS_MAX_M_S2
     return is_usual and _is_near(found.acc.matrix) and _is_near(found.gyr.matrix)
 
@@ -264,7 +265,7 @@ def _is_better(found: MotionFit, before: Params) -> bool:
 def _proposal(
     found: MotionFit, base: Params, before: Params, scale: Scale, made: dict[str, Any]
 ) -> Proposal | None:
-    """The params in force with what was found after those of `base`, for each sensor of
+    """The active params with the fit on top of those of `base`, for each sensor of
     which sigma_of() knows nothing; None: there is none.
     """
     made = made | {"day": datetime.datetime.now(datetime.UTC).date()}
@@ -276,7 +277,7 @@ def _proposal(
         whole = _after(affine_of(base.acc, scale.acc_m_s2), own)
         params = with_sensor(params, "acc", whole, scale, made | stated)
     if sigma_of(before.gyr) is None:
-        # The filter knows the scales better, and goes on to learn them: no sigma.
+        # The filter knows the scales better, and continues to learn them: no sigma.
         cross = found.gyr.matrix - np.diag(np.diag(found.gyr.matrix)) + np.eye(3)
         own = Affine(cross, np.zeros(3))
         whole = _after(affine_of(base.gyr, scale.gyr_rad_s), own)
@@ -308,7 +309,7 @@ def _with_filter_reset(found: Proposal, rest: RestRate, scale: Scale) -> Proposa
 
 
 def heading_of(params: Params, level_ut: float) -> float:
-    """The heading's error as params in force state it, degrees."""
+    """The heading's error stated by the active params, degrees."""
     if params.mag is None or params.mag.sigma is None:
         return math.inf
     own = math.degrees(params.mag.sigma / level_ut)
@@ -316,6 +317,6 @@ def heading_of(params: Params, level_ut: float) -> float:
 
 
 def _after(before: Affine, found: Affine) -> Affine:
-    """One calibration of what another one has calibrated."""
+    """Two calibrations, one after the other, as one."""
     bias = before.bias + np.linalg.solve(before.matrix, found.bias)
     return Affine(found.matrix @ before.matrix, bias)

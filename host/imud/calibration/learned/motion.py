@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""All three sensors from free motion, without any procedure: what must be true if the
-gyroscope carries the attitude and motion averages out.
+"""All three sensors from free motion, without any procedure: the conditions that hold
+if the gyroscope carries the attitude and motion averages out.
 
 Turned into the almost inertial frame of the integrated rates and averaged, the force is
 gravity, but for the sensor's distance from the pivot about which it is turned, whose
@@ -57,19 +57,19 @@ WEIGHINGS = 5  # in each round
 # round: errors of second order are large at first.
 WALK_RAD = np.radians([2.0, 1.0, 0.4, 0.3])
 FAR_WALK_RAD = np.radians([8.0, 4.0, 2.0, 2.0, 1.0, 0.4, 0.3, 0.3])
-USUAL_M_S2 = 0.25  # of the bias of an accelerometer that nobody calibrated
+USUAL_M_S2 = 0.25  # of the bias of an uncalibrated accelerometer
 REST_RAD_S = math.radians(0.03)  # of the bias that a rest shows
 DRIFT_RAD_S2 = math.radians(0.004)
 # Beyond so many sigmas of its bias, or such a force, a die may be a bad one.
 EXPECTED, EXPECTED_M_S2 = 1.5, 0.15
-BLOCK_S = 8.0  # over which what is left of a field should average out
+BLOCK_S = 8.0  # over which a field's residual should average out
 ARM_M, FIELD_SD_UT = 0.1, 60.0
 LAG_SD_S, LAG_MAX_S = 0.008, 0.03
 
 
 @dataclass(frozen=True, slots=True)
 class Priors:
-    """One-sigma errors before the fit; as given: of sensors that nobody calibrated."""
+    """One-sigma errors before the fit; by default those of uncalibrated sensors."""
 
     acc_m_s2: float = USUAL_M_S2  # of a bias
     acc_scale: float = 0.01
@@ -183,9 +183,9 @@ def fit(
     rest_step: float,
     known: Priors | None = None,
 ) -> MotionFit | None:
-    """What a recording in motion says of all three sensors; None if it does not
-    determine them. `rest_rad_s`: the gyroscope's bias at a rest, at that step of the
-    recording or before it.
+    """The calibration of all three sensors by a recording in motion; None if it does
+    not determine them. `rest_rad_s`: the gyroscope's bias at a rest, at that step of
+    the recording or before it.
     """
     is_mag = np.isfinite(recording.mag[:, 0]) if len(recording) else np.zeros(0)
     if recording.seconds < LEAST_S or is_mag.sum() < LEAST_S or recording.breaks:
@@ -211,7 +211,7 @@ def _fit(motion: MotionEquations, known: Priors) -> MotionFit | None:
 
 
 def _is_expected(found: MotionFit, known: Priors) -> bool:
-    """Whether nothing speaks for a die outside its data sheet."""
+    """Whether nothing indicates a die outside its data sheet."""
     is_near = float(np.abs(found.acc.bias).max()) < EXPECTED * known.acc_m_s2
     return is_near and found.force_m_s2 < EXPECTED_M_S2
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the papers' methods share: what they give, and how stops are told apart."""
+"""Shared by the papers' methods: their result, and the distinction of stops."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FACE_MAX_RAD = math.radians(30.0)  # between a stop and the face that it shows
 
 @dataclass(frozen=True, slots=True)
 class MethodResult:
-    """What a method makes of a recording; None: it does not calibrate that sensor."""
+    """A method's result; None: it does not calibrate that sensor."""
 
     acc: Affine | None = None
     gyr: Affine | None = None

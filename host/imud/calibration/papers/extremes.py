@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Half of smallest and largest reading, on the fly: NECTEC's project of 2018, algorithm
-1, and the bar of its section 7.1.5 that says how good it is.
+1, and the quality bar of its section 7.1.5.
 
 Its printed loop runs from 1 to 2 and so leaves out one of three axes.
 """
@@ -18,7 +18,7 @@ SMOOTHING = 50  # readings of the bar's moving average
 
 
 class Extremes:
-    """The calibration so far; it never forgets, so that one magnet spoils it."""
+    """The calibration so far; it never forgets, so one magnet spoils it."""
 
     def __init__(self, *, as_printed: bool = False) -> None:
         self._axes = (0, 1) if as_printed else (0, 1, 2)
@@ -49,7 +49,8 @@ class Extremes:
     @property
     def quality_percent(self) -> float | None:
         """Its bar: how near the calibrated norm is to the expected one, averaged over
-        the last readings. It says nothing of what was never shown. None: too early.
+        the last readings. It does not cover attitudes that were never shown. None: too
+        early.
         """
         return 100.0 * float(np.mean(self._shares)) if self._shares else None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The papers' methods on the same recordings as ours, each with what it leaves over."""
+"""The papers' methods on the same recordings as ours, each with its residuals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def of_method(
     before: Params,
     day: datetime.date | None = None,
 ) -> CalibrationResult:
-    """The params before with what one of the papers' METHODS makes of a recording.
+    """The params before with the result of one of the papers' METHODS.
     MethodError if it lacks what the method needs.
     """
     stops = find_stops(recording)
@@ -57,7 +57,7 @@ def of_method(
 def by_method(
     recording: SensorRecording, stops: list[StaticInterval], method: str
 ) -> MethodResult:
-    """What one of METHODS makes of a recording."""
+    """The result of one of METHODS."""
     if method == "positions":
         return six_positions.fit(recording, stops)
     if method == "half-turns":

@@ -31,7 +31,7 @@ R, G, ACC, GYR, SCALE, LAG = (slice(i, i + 3) for i in range(0, 18, 3))
 LAG = slice(15, 16)
 UNKNOWNS, GIVES, ALL = 16, slice(16, 18), 18
 
-# One-sigma values of what is known before, beside the calibration's own.
+# One-sigma values of the priors, beside the calibration's own.
 BIAS_RAD_S = math.radians(1.0)  # the gyroscope's, after its rest was subtracted
 LAG_S = 0.005
 GRAVITY_SIGMA_M_S2 = 0.003 * GRAVITY_M_S2
@@ -54,7 +54,7 @@ class Trust:
 
 @dataclass(frozen=True, slots=True)
 class DimpleFit:
-    """What a wobble shows."""
+    """The result of a wobble."""
 
     offset_m: FloatArray  # of the tip from the sensor, body frame
     sigma_m: FloatArray  # of each axis, by the noise and by how stretches differ
@@ -68,7 +68,9 @@ class DimpleFit:
 
 @dataclass(frozen=True, slots=True)
 class _Blocks:
-    """What the equations need of the readings, along one attitude, (m, ...) each."""
+    """The integrals of the readings in the equations, along one attitude, (m, ...)
+    each.
+    """
 
     seconds: float
     force: FloatArray  # integral of R f
@@ -167,7 +169,7 @@ def _between(values: FloatArray, edges: IntArray) -> FloatArray:
 
 
 def _equations(blocks: _Blocks, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes (m, 3, ALL) of the integrated force, and what is left over, (m, 3)."""
+    """Slopes (m, 3, ALL) of the integrated force, and its residuals, (m, 3)."""
     r, gravity = at[R], at[G]
     eye = np.broadcast_to(np.eye(3), (len(blocks), 3, 3))
     rows = np.zeros((len(blocks), 3, ALL))
@@ -186,7 +188,7 @@ def _equations(blocks: _Blocks, at: FloatArray) -> tuple[FloatArray, FloatArray]
         - turn_start * blocks.rate_start[:, None, :]
     )
     rows[:, :, 15] = -blocks.lagged
-    # The base gives along the sensor's way aside, at once and with the speed of it.
+    # The base yields along the sensor's deflection, in phase and with its speed.
     up = gravity / max(float(np.linalg.norm(gravity)), 1e-9)
     level = np.eye(3) - np.outer(up, up)
     rows[:, :, 16] = (end - start) @ r @ level
@@ -236,7 +238,7 @@ def _judged(
     seconds: float,
     trust: Trust,
 ) -> DimpleFit:
-    """The errors of what was found: by the noise, and by leaving out stretches."""
+    """The errors of the offset: by the noise, and by leaving out stretches."""
     slopes, errors = rows / (noise * seconds), left / (noise * seconds)
     prior = np.diag(_spread(trust) ** -2.0)
     parts = np.array_split(np.arange(len(rows)), PARTS)
@@ -275,8 +277,8 @@ def _right(slopes: FloatArray, errors: FloatArray) -> FloatArray:
 
 
 def _give(normal: FloatArray, right: FloatArray, chi: float) -> tuple[float, float]:
-    """How much better a base that gives explains the rest: chi-square of two unknowns;
-    and how surely its share is known.
+    """How much better a yielding base explains the residual: chi-square of two
+    unknowns; and the sigma of its share.
     """
     inverse = np.linalg.inv(normal)
     give, covariance = (inverse @ right)[GIVES], inverse[GIVES, GIVES] * chi

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The tip from positions of the sensor that are known from elsewhere: from a tracker,
-or a rule. Section 9 of the thesis, and least squares.
+"""The tip from known positions of the sensor: from a tracker, or a rule. Section 9 of
+the thesis, and least squares.
 
 While the tip stays in one place, the sensor is at `p = c - R r`: on a sphere about the
 tip. While an upright probe is turned about itself, the sensor is on a circle.
@@ -19,8 +19,7 @@ from imud.rotation import FloatArray
 
 ROUNDS = 50
 CLOSE_M = 1e-9  # a step of Gauss-Newton after which it is done
-# By so much sigma is larger than for errors that are alike in all directions: those of
-# attitudes are not.
+# Factor of sigma, as errors of attitudes differ between directions.
 UNEVEN = 1.1
 CAP = 0.1  # of the radius: with larger errors the sphere is not known at all
 FLAT = 1e-3  # smallest over largest extent of points that show a sphere, or a circle

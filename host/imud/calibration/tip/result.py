@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a search for the tip puts into the params of a probe."""
+"""The params that result from a search for the tip."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TIP_SIGMA_MAX_M = 0.65  # the wire's largest
 def result_of_tip(
     found: TipFound, before: Params, day: datetime.date | None = None
 ) -> CalibrationResult:
-    """The params before with this tip; what it does not tell stays as it is."""
+    """The params before with this tip; values that it does not find are kept."""
     old = before.tip or Tip()
     values: dict[str, object] = {
         "offset_m": old.offset_m,

@@ -16,8 +16,8 @@ from imud.params.value import Calibration, Params
 # Chosen on simulated wobbles of even seeds; benchmarks/tip judges on odd ones.
 LIMIT_M = 0.002  # of the score: worse ones are refused
 RESIDUAL_MAX = 1.5  # in units of the noise
-GIVE_MAX = 10.0  # a base that does not give is above it seven times in 1,000
-# A base's give is known well enough to be found if it spoils the tip by 2 mm.
+GIVE_MAX = 10.0  # a firm base is above it seven times in 1,000
+# Limit of the uncertainty of a base's motion, as an error of the tip.
 GIVE_SIGMA_M = 0.0005
 INSIDE = 2.8  # of three axes' sigma: 95 % of vectors are shorter
 
@@ -39,7 +39,7 @@ class TipScore:
 
 
 def trust_of(params: Params) -> Trust:
-    """How well the readings of a probe are known."""
+    """The errors of a probe's calibrated readings."""
     acc, gyr = _sigma(params.acc), _sigma(params.gyr)
     is_acc, is_gyr = acc <= ACC_KNOWN_M_S2, gyr <= GYR_KNOWN
     usual = Trust()
@@ -91,7 +91,7 @@ def weakness(fit: DimpleFit, swing: Swing, trust: Trust) -> CalibrationFault | N
 
 
 def _weak(found: str, swing: Swing, trust: Trust) -> CalibrationFault:
-    """What the wobble lacks most."""
+    """The fault that limits the wobble most."""
     if trust.share == Trust().share:
         return CalibrationFault(
             "uncalibrated",
