@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What was received from one probe while it was checked: live, or in a log."""
+"""Everything received from a probe during its check: live, or in a log."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ProbeEvent(NamedTuple):
 
 
 class BootRecord(NamedTuple):
-    """A start of the probe, as its hello tells it."""
+    """A start of the probe, by its hello."""
 
     number: int
     causes: tuple[str, ...]
@@ -38,7 +38,7 @@ class BootRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """What carries the probe's bytes. None: not known."""
+    """The link that carries the probe's bytes. None: unknown."""
 
     kind: str  # in words, without the port's name
     baud: int | None = None
@@ -63,20 +63,20 @@ class Samples:
     acc: FloatArray  # counts
     gyr: FloatArray  # counts
     mag: FloatArray  # counts
-    mag_ut: FloatArray  # calibrated with the params in force
+    mag_ut: FloatArray  # calibrated with the active params
     temperature_c: FloatArray
     age_us: FloatArray
     t_ns: FloatArray
     bound_us: FloatArray
     clipped: FloatArray  # whether a sensor reached the end of its range
-    is_posed: FloatArray  # it was turned meanwhile, as it was asked
+    is_posed: FloatArray  # it was turned, as requested
     flags: Counter[str]
 
     def __len__(self) -> int:
         return len(self.t_us)
 
     def first_pose(self) -> Samples:
-        """Those before it was turned."""
+        """The samples before it was turned."""
         kept = self.is_posed == 0
         columns = {
             each.name: getattr(self, each.name)[kept]
@@ -116,7 +116,7 @@ class Evidence:
     earth: Earth | None = None
     poses: list[Posed] = field(default_factory=list)
     button: bool | None = None  # whether it was pressed in time; None: not asked
-    led: bool | None = None  # whether it shows the state, as a person says
+    led: bool | None = None  # whether it shows the state, by the user's answer
     is_live: bool = False
     is_posing: bool = False
     _rows: list[tuple[float, ...]] = field(default_factory=list)
@@ -212,8 +212,8 @@ class Evidence:
         )
 
     def verdicts(self) -> tuple[SensorVerdict, ...]:
-        """Of the self-test, by its responses; without these as the daemon says, which
-        sends them to recorders only.
+        """The self-test's verdicts by its responses, which the daemon sends to recorders
+        only; without these the daemon's verdicts.
         """
         if self.responses is None and self.outcomes:
             return tuple(
@@ -229,7 +229,7 @@ class Evidence:
         return Counter(each.cause for each in self.events if each.event in events)
 
     def rise(self, counter: str) -> int:
-        """By how much a counter of the probe grew while it was checked."""
+        """The rise of a counter of the probe during the check."""
         after, before = self.counters.get(counter), self.first.get(counter)
         if not isinstance(after, int) or not isinstance(before, int):
             return 0

@@ -9,10 +9,10 @@ from imud.check.rows import Row
 
 
 def judged(evidence: Evidence) -> list[Row]:
-    """The table of what was received."""
+    """The table for the evidence."""
     samples = evidence.samples()
     if evidence.other_schema:
-        # Its other messages can't be read.
+        # Its other messages are unreadable.
         return [row for row in wire.rows(evidence, samples) if row.name == "firmware"]
     first = samples.first_pose()
     return [

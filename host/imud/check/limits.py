@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is normal of any board, with the sources; of the chips: `probes/chip.py`."""
+"""Limits for all boards, with the sources; of the chips: `probes/chip.py`."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ SPECIFIED_DEGC = (-40.0, 85.0)
 
 SLOPE_MG = 35.0  # of a table that is off level by two degrees
 
-# Millivolts that are normal, and what is a fault, by board. The Nano measures its own
+# Normal millivolts, and the limit of a fault, by board. The Nano measures its own
 # against a reference of 10 % (data sheet of the ATmega328P, 28.8), and 16 MHz need
 # 3.78 V (28.3). A Mega needs 4.5 V (data sheet of the ATmega2560, "Speed Grades"),
-# which may read a tenth less. The Pico measures what feeds it, which its regulator
-# takes from 1.8 to 5.5 V (data sheet of the Pico, 4.5).
+# which may read a tenth less. The Pico measures its regulator's input, which may be 1.8
+# to 5.5 V (data sheet of the Pico, 4.5).
 SUPPLY_MV = {
     "nano": (4_300, 5_500, 3_780),
     "mega": (4_500, 5_500, 4_050),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Rows on the numbers that the sensors give at rest, axis by axis."""
+"""Rows on the sensors' readings at rest, axis by axis."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ FLAT_MG = 350.0  # with more aside it does not lie base down
 
 @dataclass(frozen=True, slots=True)
 class RestReadings:
-    """What the samples of a probe say that lay still."""
+    """Means and noise of the samples of a probe at rest."""
 
     seconds: float
     acc_mg: FloatArray  # means
@@ -87,7 +87,7 @@ def rest_of(evidence: Evidence, samples: Samples) -> RestReadings:
 
 
 def _is_mostly(means: FloatArray, still: BoolArray) -> BoolArray:
-    """Which windows lie as most of those that are still."""
+    """The still windows in the most frequent attitude."""
     usual = np.median(means[still], axis=0)
     share = means @ usual / np.linalg.norm(means, axis=1) / np.linalg.norm(usual)
     return np.asarray(share > SAME)
@@ -105,7 +105,7 @@ def _rms(values: FloatArray) -> FloatArray:
 
 
 def _mag_noise(mag: FloatArray) -> FloatArray:
-    """Rms within windows of the readings that there are."""
+    """Rms within windows, without missing readings."""
     stds = [
         window[fresh].std(axis=0)
         for window in mag

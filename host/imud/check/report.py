@@ -59,7 +59,7 @@ def as_object(
 
 
 def as_markdown(report: dict[str, Any]) -> str:
-    """What as_object() made, to be read."""
+    """The object of as_object(), as a text."""
     hello = report["hello"]
     lines = [
         f"# imud check: {report['verdict']}",
@@ -92,7 +92,7 @@ def as_markdown(report: dict[str, Any]) -> str:
 
 
 def _who(hello: dict[str, Any]) -> str:
-    """The board, as far as it has said what it is."""
+    """The board, by its hello."""
     if hello["board"] is None:
         return "no hello was received"
     words = (

@@ -18,8 +18,8 @@ class RowVerdict(StrEnum):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One thing that was checked. `advice`: what to do; empty where nothing is wrong.
-    `numbers`: what was measured, for programs.
+    """One thing that was checked. `advice`: what to do; empty if nothing is wrong.
+    `numbers`: the measured values, for programs.
     """
 
     name: str
@@ -37,7 +37,7 @@ def worst(verdicts: Iterable[RowVerdict]) -> RowVerdict:
 
 
 def overall(rows: Iterable[Row]) -> RowVerdict:
-    """Of a board. What was not judged says nothing against it."""
+    """The verdict on a board. Rows that were not judged do not count."""
     found = worst(row.verdict for row in rows)
     return RowVerdict.GOOD if found is RowVerdict.SKIPPED else found
 

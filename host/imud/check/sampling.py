@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Rows on when the samples came, and which did not."""
+"""Rows on the samples' times, and on missing samples."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Rows that take a finger and an eye: the button and the LED."""
+"""Rows that need a user: the button and the LED."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ SHOWS = {
 
 
 def led_words(board: str, state: str) -> str:
-    """What the LED of a board should show."""
+    """The expected pattern of a board's LED."""
     name = LED.get(board, "the LED")
     return f"{name} should show: {SHOWS.get(state, 'its state')}"
 
 
 def rows(evidence: Evidence) -> Iterator[Row]:
-    """Of what was asked for; nothing in a log."""
+    """The rows on button and LED; none for a log."""
     if not evidence.is_live:
         return
     board = str(evidence.hello.get("board"))

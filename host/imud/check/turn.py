@@ -19,7 +19,7 @@ from imud.params.value import Params
 from imud.probes.references import References, SinceErrors
 from imud.rotation import FloatArray
 
-REST_S = 3.0  # how long it lies at each end: the filter levels meanwhile
+REST_S = 3.0  # the rest at each end, in which the filter levels
 TIMEOUT_S = 60.0  # to wait for each rest, by the samples' time
 SETTLED_LOOKS = 5
 MOVED_DEG = 3.0  # by less it was not turned; or half of a smaller turn
@@ -39,7 +39,7 @@ class Lying:
 
 @dataclass(frozen=True, slots=True)
 class TurnSeen:
-    """Two rests, and what was between them."""
+    """Two rests, and the samples between them."""
 
     rests: tuple[Lying, Lying]
     gyr: FloatArray  # counts, from the first sample of the first rest on
@@ -102,13 +102,13 @@ class TurnGuide:
             return
         rest = self._rest(means, pose)
         if first is not None and self._has_moved():
-            # By then the window has left the end of the motion behind.
+            # By then the window is past the end of the motion.
             if self._window.looks >= SETTLED_LOOKS:
                 self._end(first, rest)
             return
         # As long as it lies, the first rest is its last seconds: the shorter the time
-        # between both, the less a gyroscope's bias can change. Each is in force once
-        # the next look has found it still, so that no beginning of the turn is in it.
+        # between both, the less a gyroscope's bias can change. Each one counts once the
+        # next look has found it still, so it contains no beginning of the turn.
         coming, self._coming = self._coming, (rest, self._references.capture())
         if coming is None or self._window.looks < 2:
             return

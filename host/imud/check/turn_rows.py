@@ -25,15 +25,15 @@ from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 
 SIGMAS = 3.0  # of stated error and laying together; 99.7 % of good turns are within
-# Beyond the accuracy of the thesis whose tests these are, section 4, a stated error
-# tells nobody whether the probe is good.
+# A stated error above the accuracy of the thesis with these tests, section 4, can't
+# show whether the probe is good.
 USEFUL_DEG = 2.0
 LAID_DEG = 0.2  # one sigma of how exactly a hand lays it against a stop
 
 # Gravity is 9.780 to 9.832 m/s2 between equator and poles: so much from the mean, at
 # most, as a standard deviation of places (WGS 84).
 PLACES_M_S2 = 0.015
-ACC_PER_K_M_S2 = 0.00075 * GRAVITY_M_S2  # as the stated tilt has it: docs/pose.md
+ACC_PER_K_M_S2 = 0.00075 * GRAVITY_M_S2  # as in the stated tilt: docs/pose.md
 ROOM_UT = 0.3  # 3 uT/m over the way of a hand
 GYR_FLOOR_DEG = 0.05
 MISSING = 2.5  # of a period: longer steps have samples missing in them
@@ -119,7 +119,7 @@ def _laid_otherwise(turns: Sequence[TurnMeasured], judged: Sequence[Row]) -> str
 
 
 def by_poses(seen: TurnSeen) -> TurnMeasured:
-    """Of both poses; its error is that since the first one (docs/pose.md)."""
+    """The turn between both poses; its error is the second one's (docs/pose.md)."""
     first, second = (np.array(rest.q) for rest in seen.rests)
     turn = rotation.multiply(second, rotation.inverse(first))
     since = seen.since
@@ -130,7 +130,7 @@ def by_poses(seen: TurnSeen) -> TurnMeasured:
         )
     share = _share_about_up(turn)
     heading, tilt = since.heading_sigma_deg, since.tilt_sigma_deg
-    # What does not matter for this turn need not be known.
+    # Errors that do not affect this turn may be unknown.
     if (heading is None and share > 0.1) or (tilt is None and share < 0.99):
         return TurnMeasured(
             degrees_of(turn),

@@ -20,7 +20,7 @@ HARD = ("brown_out", "watchdog", "hard_fault")
 
 
 def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
-    """Of what carries the messages."""
+    """The rows on the link of the messages."""
     if evidence.is_live:
         yield _port(evidence)
         yield _latency(samples)

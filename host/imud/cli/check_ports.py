@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Serial ports for `imud check`: what adapter one is, and a daemon of its own on it."""
+"""Serial ports for `imud check`: the kind of adapter, and a daemon of its own on a
+port.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,7 @@ def only_port(command: str) -> str:
 
 
 def wire_of(port: str | None) -> Wire | None:
-    """What is known of a port of this machine."""
+    """The kind and settings of a port of this machine."""
     if port is None or not Path(port).exists():
         return None
     real = os.path.realpath(port)
@@ -153,7 +155,7 @@ class OwnDaemon:
                 time.sleep(0.05)
 
     def check(self) -> None:
-        """LinkError with the daemon's own words if its port does not serve."""
+        """LinkError with the daemon's message if its port does not work."""
         while not self._lines.empty():
             words = re.sub(
                 r"^\d\d:\d\d:\d\d (warning|error)?:? *", "", self._lines.get()

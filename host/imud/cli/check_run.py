@@ -27,7 +27,7 @@ from imud.cli.check_source import LiveMessages
 from imud.cli.keyboard import Quit
 from imud.errors import FileError
 
-# Without samples, how long is listened to what the probe says about it.
+# Without samples, how long to wait for the probe's messages about it.
 DEAD_S = 6.0
 BUTTON_S = 15.0
 LATE_S = 5.0

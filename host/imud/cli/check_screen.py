@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What `imud check` shows meanwhile: a screen on a terminal, lines in a pipe."""
+"""The display of `imud check`: a screen on a terminal, lines in a pipe."""
 
 from __future__ import annotations
 

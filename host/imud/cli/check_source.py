@@ -40,7 +40,7 @@ SILENT_S = 8.0  # longer than a board needs to start again
 
 class LiveMessages:
     """The messages of a probe as they come. While it is open, the probe sends all raw
-    samples; afterwards it does as before.
+    samples; afterwards it sends as before.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class LiveMessages:
         ]
 
     def close(self) -> None:
-        """Ends listening, and makes the probe do as before."""
+        """Unsubscribes, and makes the probe send as before."""
         for unlisten in self._unlisten:
             unlisten()
         for name, arguments in reversed(self._undo):
@@ -105,7 +105,7 @@ class LiveMessages:
         self._try("start", {})
 
     def params(self) -> bytes:
-        """The records of its params, once it has told them. ProbeUnknown if it does
+        """The records of its params, once it has sent them. ProbeUnknown if it does
         not.
         """
         until_s = time.monotonic() + PARAMS_S
@@ -118,7 +118,7 @@ class LiveMessages:
             time.sleep(TICK_S)
 
     def _try(self, name: str, arguments: dict[str, str]) -> bool:
-        """Whether the probe did it: one without a sensor may refuse."""
+        """Whether the probe accepted it: one without a sensor may refuse."""
         try:
             self._client.command(self._probe, name, **arguments)
         except ImudError:
@@ -168,8 +168,8 @@ class LiveMessages:
 def opened(
     args: argparse.Namespace, topics: Sequence[str] = ()
 ) -> Iterator[LiveMessages]:
-    """The probe that is meant, by the daemon that runs, or by one of its own, with
-    further topics. Raises ImudError with what to do if there is none.
+    """The selected probe, by the running daemon or by one of its own, with further
+    topics. Raises ImudError with what to do if there is none.
     """
     with contextlib.ExitStack() as stack:
         found = reached.probe(args, args.probe, "imud check", stack)
@@ -179,7 +179,7 @@ def opened(
 
 
 def of_file(path: Path, probe: str | None) -> tuple[str, Evidence]:
-    """The name of the probe in a log or capture, and what the file has of it."""
+    """The name of the probe in a log or capture, and its evidence."""
     from imud.recordings.decode import Tally, decode_file
 
     tally = Tally()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """`imud check --turn DEG` at work: it waits for two rests with a turn between them, and
-judges what the probe says of it.
+judges the probe's measurement of it.
 """
 
 from __future__ import annotations
