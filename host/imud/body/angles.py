@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Joint angles of attitudes, and what errors of attitudes make of them.
+"""Joint angles of attitudes, and their errors by those of the attitudes.
 
 Angles follow Grood and Suntay: flexion about z of the parent, rotation about y of the
 child, abduction about the axis across both (J. Biomech. Eng. 105:136, 1983). Other

@@ -36,13 +36,13 @@ THREE = ("flexion", "abduction", "rotation")
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """What is known of a joint.
+    """The properties of a joint.
 
     `flexion`: the sign of flexion as a turn of the child about z. `is_hinge`: it turns
     mainly about z. `bends`: the sign of flexion whenever it is far from straight; 0 if
     it bends both ways. `play_deg`: rms of its turns about the other two axes.
 
-    `freedom`: how many axes it turns about, anyhow placed, which motion shows; 0: a
+    `freedom`: how many axes it turns about, in any direction, which motion shows; 0: a
     joint of the body, whose segments stand upright. `angles`: their names.
     """
 

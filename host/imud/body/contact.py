@@ -41,12 +41,12 @@ GAP_S = 0.1  # without samples, after which the place is unknown
 TURNS_RAD_S = math.radians(0.05)  # a heading drifts by so much while it is carried on
 MISSED_S = 1.2  # without a rest, and one was missed by who ever runs
 LONG_S = 3.0  # without a rest its place is hardly known
-# What a foot that stands is pushed by, it also moves by: m/s for a root of an energy.
+# A push on a standing foot also moves it: m/s for a root of an energy.
 MOVES_S = 0.01
 ALIKE = 0.4  # the share of it that is the same at each rest, and adds up
 
-# What a probe's own filter says: world_from_probe, one-sigma errors of tilt and heading
-# in rad; NaN: not known.
+# The estimate of a probe's own filter: world_from_probe, one-sigma errors of tilt and
+# heading in rad; NaN: not known.
 Pose = tuple[FloatArray, float, float]
 
 
@@ -133,8 +133,8 @@ class Walker:
         is_new = not self.is_down
         if not is_new and time_s - self._stood_s < SAME_S:
             return
-        # What glides off from a rest, and feels no more than one that stands, is not
-        # sure of it either.
+        # A foot that glides off slowly from a rest measures no more than a standing
+        # one: its error grows.
         must = 0.0
         if is_new and (self._sure_s >= SURELY_S or self._is_due(time_s, sigma)):
             must = math.inf
@@ -179,7 +179,9 @@ class Walker:
 
     @property
     def same_m(self) -> float:
-        """What all rests have in common that move alike, up to the last one, m."""
+        """The common error of all rests that move in the same way, up to the last one,
+        m.
+        """
         if self.rest is None or self.before is None:
             return 0.0
         passed_s = self.rest.begin_s - self.before.begin_s

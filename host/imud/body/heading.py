@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Brings the headings of probes into step by the joints between them.
 
-What a joint shows at each moment is a Sight: the angle by which the child's heading is
-to be turned. A scalar Kalman filter for each joint follows it. Axes of hinges: D.
+A Sight is a joint's measurement at each moment: the angle by which the child's heading
+must be turned. A scalar Kalman filter for each joint follows it. Axes of hinges: D.
 Laidig et al., IFAC-PapersOnLine 50(1), 2017; Sensors 19(4), 2019. Forces at a joint's
 centre: I. Weygers, M. Kok et al., IEEE Sensors J. 20(14):7969, 2020.
 """
@@ -35,7 +35,7 @@ UNKNOWN = math.radians(100.0)
 @dataclass(frozen=True, slots=True)
 class Sight:
     """What shows the turn over time. `turns`: (n, k) rad, of which the one nearest to
-    what is known counts; `variance`: (n,) rad2, NaN where it shows nothing. Its errors
+    the estimate counts; `variance`: (n,) rad2, NaN where it shows nothing. Its errors
     last `lasts_s`.
     """
 
@@ -46,7 +46,7 @@ class Sight:
 
 def magnetic(sigmas: FloatArray, apart: float = 0.0) -> Sight:
     """The headings that both probes state, (n, 2) rad, NaN without reference; `apart`:
-    by how much the north of both places differs, rad rms.
+    the difference between north at both places, rad rms.
     """
     own = np.minimum(np.hypot(np.hypot(*sigmas.T), apart), UNKNOWN)
     return Sight(np.zeros((len(own), 1)), own**2, MAGNETIC_S)
@@ -132,8 +132,8 @@ def follow(
     is_there: BoolArray,
     sights: Sequence[Sight],
 ) -> tuple[FloatArray, FloatArray]:
-    """The turns over time and their sigmas, rad, from a filter that goes on from where
-    it is; NaN where a probe is missing.
+    """The turns over time and their sigmas, rad, from the filter's current state on;
+    NaN where a probe is missing.
     """
     found = np.full((2, len(times_s)), np.nan)
     rows = np.flatnonzero(is_there).tolist()
@@ -147,7 +147,7 @@ def follow(
 def smoothed(
     times_s: FloatArray, turns: FloatArray, sigmas: FloatArray, walk: float = WALK
 ) -> tuple[FloatArray, FloatArray]:
-    """The same by what came later, too: H. Rauch et al., AIAA J. 3:1445, 1965."""
+    """The same, also from later measurements: H. Rauch et al., AIAA J. 3:1445, 1965."""
     turns, variances = turns.copy(), sigmas**2
     rows = np.flatnonzero(np.isfinite(turns)).tolist()
     for later, row in zip(rows[:0:-1], rows[-2::-1], strict=True):

@@ -21,7 +21,7 @@ ROUNDS = 30
 EXCITATION_MIN = math.radians(20.0)
 # So is one whose rates across the axis differ by more than this share of the rate.
 RESIDUAL_MAX = 0.35
-FORCE_MIN_M_S2 = 0.8  # rms of what turning adds to the force, for a centre
+FORCE_MIN_M_S2 = 0.8  # rms of the force that turning adds, for a centre
 CENTRE_RESIDUAL_MAX = 0.6
 INDEPENDENT_S = 0.5  # residuals of a limb resemble each other for this long
 
@@ -160,7 +160,8 @@ def centre(
         error, slope = _forces(forces, arms, both)
         scale = max(1.5 * float(np.median(np.abs(error))), 1e-9)
         weight = 1.0 / np.maximum(1.0, np.abs(error) / scale)
-        # A weak pull to 10 cm keeps what the motion does not show near the probe.
+        # A weak prior at 10 cm keeps directions that the motion does not show near the
+        # probe.
         normal = slope.T @ (weight[:, None] * slope) + 10.0 * np.eye(6)
         step = np.linalg.solve(normal, slope.T @ (weight * error) + 10.0 * both)
         both = both - step

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What one probe of a live body has sent in the last while, by UTC."""
+"""The recent poses and samples of one probe of a live body, by UTC."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class ProbeHistory:
         _append(self.raws, (time_s, *gyr, *acc), self.kept_s)
 
     def samples(self, after_s: float, until_s: float) -> FloatArray:
-        """What was sampled then, rows of time, rates without bias, forces: (n, 7)."""
+        """The samples then, rows of time, rates without bias, forces: (n, 7)."""
         found = []
         for row in reversed(self.raws):
             if row[0] <= after_s:
@@ -78,8 +78,8 @@ class ProbeHistory:
         return rows
 
     def track(self, times_s: FloatArray, gap_s: float = GAP_S) -> Track | None:
-        """Its track at rising times; None if it has nothing near them. A gap of more
-        than `gap_s` is missing.
+        """Its track at rising times; None if there are no poses near them. A gap of
+        more than `gap_s` is missing.
         """
         rows = _near(self.poses, times_s, gap_s)
         if len(rows) < 2:

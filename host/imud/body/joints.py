@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a motion shows of a joint: about which axes it turns, and where its centre is.
+"""A joint's axes and centre, found from a motion.
 
 For joints of one and two degrees of freedom about any axes; of a free joint only the
 centre can be known.
@@ -27,10 +27,10 @@ PLAY_MIN = math.radians(0.5)
 NOISE_MIN = 0.1  # m/s2, of forces at a centre
 SPREAD_MIN = 0.01  # of the turns of a joint, about 8 degrees rms
 CONSTANT = 1e-9
-# Drift between two headings without what their filters slid: that of gyroscopes, rad
+# Drift between two headings without the slide of their filters: that of gyroscopes, rad
 # for a root of a second.
 WALK = math.radians(0.4)
-# Inside a building the fields at two places differ by more than a probe at rest knows.
+# Inside a building the fields at two places differ by more than a probe at rest states.
 INDOORS = math.radians(6.0)
 # Loose probes shake: what is left of the axes by their attitudes decides.
 RESIDUAL_MAX = 0.7
@@ -78,7 +78,7 @@ class JointModel:
         """The child's heading in rows in which nothing moves, and its sigma, rad.
 
         A filter's own heading slides while it learns the field, and all moments have
-        the same errors: what one moment shows of the axes counts most.
+        the same errors, so together they count as one measurement.
         """
         turns, sigmas = self.turns(parent, child)
         step = heading.HeadingFilter(
@@ -92,13 +92,14 @@ class JointModel:
                 mean = np.angle(np.exp(1j * seen[good]).mean(axis=0))
                 step.update(0.0, [(mean.tolist(), float(variance[good].mean()), 0.0)])
                 step.last_s = None
-        # A loose probe does not rest where it is in the mean.
+        # A loose probe does not rest in its mean attitude.
         return step.turn, math.hypot(step.sigma, self.play / 2.0)
 
     def turns(self, parent: Track, child: Track) -> tuple[FloatArray, FloatArray]:
         """The child's heading by all of a recording, and its sigma, rad, (n,)."""
         is_there = np.isfinite(parent.quat[:, 0]) & np.isfinite(child.quat[:, 0])
-        # What both filters slid is known, and no error of the heading between them.
+        # The slide of both filters is known, so it is no error of the heading between
+        # them.
         slid = tracks.slides(child) - tracks.slides(parent)
         sights = [
             replace(each, turns=each.turns + slid[:, None])
@@ -111,7 +112,7 @@ class JointModel:
 
 
 def learn(joint: Joint, parent: Track, child: Track) -> JointModel:
-    """What a motion of both probes at the same times shows. Raises AlignmentRefused."""
+    """The joint by a motion of both probes at equal times. Raises AlignmentRefused."""
     known = _centred(joint, parent, child)
     if joint.freedom == 1:
         return _hinge(known, parent, child)
@@ -183,7 +184,7 @@ def _check(found: JointModel) -> None:
 
 
 def _refined(known: JointModel, parent: Track, child: Track) -> JointModel:
-    """Its axes by what stays of the turn between both probes."""
+    """Its axes by the constant part of the turn between both probes."""
     known = replace(known, play=math.radians(known.joint.play_deg))
     for _ in range(ROUNDS):
         turn = rotation.to_matrix(between(known, parent, child))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Attitudes from rates and forces alone, at 40 Hz or more: for recordings of sensors
-whose poses nobody computed. The heading starts anywhere and drifts.
+without poses. The heading starts anywhere and drifts.
 
 The forces are low-passed in an almost inertial frame, where gravity stays and motion
 averages out (D. Laidig, T. Seel, VQF, Information Fusion 91:187, 2023).
@@ -56,7 +56,7 @@ def strapdown(rates: FloatArray, rate_hz: float) -> FloatArray:
     found = np.concatenate(
         [rotation.IDENTITY[None], rotation.from_rotation_vector(means / rate_hz)]
     )
-    # Products of all that came before, by doubling: log2(n) products of arrays.
+    # Cumulative products, by doubling: log2(n) products of arrays.
     reach = 1
     while reach < len(found):
         found[reach:] = rotation.multiply(found[:-reach], found[reach:])

@@ -2,8 +2,8 @@
 """A body as it moves: poses of its probes come in, its states come out. Without I/O;
 times are UTC in s.
 
-A state shows the moment `delay_s` ago, for which every probe should have spoken. A
-probe that has not is late or missing, and so are its segment and the joints beside it.
+A state shows the moment `delay_s` ago, by which each probe should have sent. A probe
+that has not is late or missing, and so are its segment and the joints beside it.
 """
 
 from __future__ import annotations
@@ -237,7 +237,7 @@ class LiveBody:
                 history.kept_s = RUN_S
 
     def _zero(self, begun: Alignment, time_s: float) -> None:
-        """Looks whether motion has shown the zeros that were not known."""
+        """Checks whether motion has shown the unknown zeros."""
         found = self._since(begun.pose[0] - ZERO_BEFORE_S, time_s)
         done = begun
         if found and next(iter(found.values())).times_s[0] <= begun.pose[0]:
@@ -245,7 +245,7 @@ class LiveBody:
         self._take(done, time_s)
 
     def _check_order(self, time_s: float) -> None:
-        """Probes that were swapped show by how they move in walking."""
+        """Detects swapped probes by their motion in walking."""
         if self._method() != "motion" or any("swapped" in r for r in self.remarks):
             return
         found = self._since(time_s - RUN_S, time_s)

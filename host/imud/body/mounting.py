@@ -25,11 +25,11 @@ WALKS_M_S2 = 3.0  # change of force; squats have 1, walking 10
 STILL_RAD_S = math.radians(12.0)  # rms of a person who stands still
 STANDING_S = 1.0  # at least
 SWAPPED = 0.85  # a child's force changes by less than this share of its parent's
-POSTURE = math.radians(1.5)  # how exactly people stand straight
-FACING = math.radians(8.0)  # and face where they say
+POSTURE = math.radians(1.5)  # of how straight people stand
+FACING = math.radians(8.0)  # of the direction that they face
 
 
-ALIKE_MIN = 0.3  # correlation of what pushes two neighbours
+ALIKE_MIN = 0.3  # correlation of the pushes of two neighbours
 UPSIDE_DOWN = -0.8  # of up along a probe's own axis
 UPRIGHT_MAX = 0.3  # of an axis across up, a share
 
@@ -51,7 +51,7 @@ class Mount:
 
 @dataclass(frozen=True, slots=True)
 class Aligned:
-    """What an alignment found: mounts by segment, hinges, remarks for people."""
+    """The result of an alignment: mounts by segment, hinges, remarks for people."""
 
     mounts: Mapping[str, Mount]
     axes: Mapping[str, HingeAxis]
@@ -86,7 +86,7 @@ def by_motion(
 ) -> Aligned:
     """From standing still, then a motion that bends every hinge.
 
-    `walking` tells left from right where `moving` alone leaves it open. Segments
+    `walking` distinguishes left from right where `moving` alone does not. Segments
     without a hinge take ahead from `facing_rad`, which may be None if there are none.
     `moving` has the same times for all. Raises AlignmentRefused.
     """
@@ -212,8 +212,8 @@ def _agree(
 ) -> bool:
     """Whether two axes point to the same side.
 
-    Neighbours are pushed ahead together; without forces, or where these leave it open,
-    the headings of both probes tell.
+    Forces show it, as neighbours are pushed ahead together; without them, or where they
+    do not decide, the headings of both probes.
     """
     pushes = [_ahead(axis, each) for axis, each in zip(axes, moved, strict=True)]
     if pushes[0] is not None and pushes[1] is not None:

@@ -26,7 +26,7 @@ WOBBLE = math.radians(1.3)
 # Only turns across its axis show how loose the probes of a joint sit, and the axis that
 # is found takes up some of them: those about it are so much larger.
 HIDDEN = 1.3
-# Headings in step take up most of what a wrong facing does while a person stands.
+# Headings in step compensate most of a wrong facing while a person stands.
 FACING_SHARE = 0.25
 # An angle whose error is larger than this is not stated.
 WITHHELD = math.radians(30.0)
@@ -56,8 +56,8 @@ def of(
     """The posture from tracks of the same times, by segment. `known`: joints of which
     motion has shown the axes, by child.
 
-    Headings are known from the whole recording; with `steps`, which begin empty and
-    are kept from call to call, only from what has been.
+    Headings are known from the whole recording; with `steps`, which begin empty and are
+    kept from call to call, only from the past.
     """
     times_s = next(iter(tracks.values())).times_s
     found = Posture(times_s, {}, {}, {})
@@ -88,7 +88,8 @@ def of(
         tilts = np.hypot(tracks[above].tilt_sigma, track.tilt_sigma)
         wobble = WOBBLE
         if joint.joint.freedom and loose:
-            # What two probes show of one axis has the errors of their levels in it.
+            # A measurement of one axis by two probes contains the errors of their
+            # levels.
             play = math.sqrt((joint.play**2 + loose**2) / 2.0) if joint.play else loose
             wobble = HIDDEN * play / math.sqrt(2.0)
             tilts = np.zeros(len(times_s))

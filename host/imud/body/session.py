@@ -121,7 +121,7 @@ def zeroed(
     found: Mapping[str, Track],
     facing_rad: float | None,
 ) -> Alignment:
-    """With the zeros that tracks show, which go from the pose on as far as there are
+    """With the zeros that tracks show, which begin at the pose, as far as there are
     any.
     """
     mounts = zero.mounted(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Whether a foot is calm enough to stand: the energy of what its probe feels, besides
+"""Whether a foot is calm enough to stand: the energy that its probe measures, besides
 gravity, is small against that of its gait (the statistic is SHOE: I. Skog et al., IEEE
 Trans. Biomed. Eng. 57(11):2657, 2010). A foot that runs turns faster while it stands
 than one that strolls does in the air.
@@ -19,8 +19,8 @@ from imud.rotation import FloatArray
 # A turn by 1 rad/s counts as a force of so many m/s2 beside gravity.
 TURN_M_S2 = 5.0
 WINDOW_S = 0.025
-# Energies, (m/s2)^2: what has less than CALM stands, whatever its gait, and what has
-# less than this share of the mean over GAIT_S.
+# Energies, (m/s2)^2: a foot below CALM stands, whatever its gait, as does one below
+# this share of the mean over GAIT_S.
 CALM = 4.0
 SHARE = 0.05
 GAIT_S = 1.5
@@ -28,7 +28,7 @@ RATE_RANGE_RAD_S, FORCE_RANGE_M_S2 = math.radians(240.0), 19.0  # the least ther
 
 
 class StanceDetector:
-    """The energy of a foot, sample by sample, and what is little for its gait."""
+    """The energy of a foot, sample by sample, and the threshold for its gait."""
 
     def __init__(self) -> None:
         self._window: deque[tuple[float, FloatArray, float]] = deque()

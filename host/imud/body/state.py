@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What `imud body` publishes on `imud/body/NAME/state`: docs/limb.md explains it.
+"""The messages of `imud body` on `imud/body/NAME/state`: docs/limb.md explains them.
 
 Units are in the names. None: not known. Places and attitudes are in the body's world:
 x level ahead, as the root faced when it was aligned; y to the left; z up; the origin
@@ -19,9 +19,9 @@ from imud.rotation import FloatArray
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-# What the person does: nothing yet, stands, moves to align, or anything: aligned.
+# The stage: waiting, standing, moving to align, or aligned (any motion).
 Stage = Literal["waiting", "standing", "moving", "running"]
-# `late`: its pose came after the delay that is waited. `no clock`: its UTC is unknown.
+# `late`: its pose arrived after the delay. `no clock`: its UTC is unknown.
 Presence = Literal["ok", "late", "missing", "no clock"]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What one probe tells over time, from poses, raw samples or a motion; and several
+"""The data of one probe over time, from poses, raw samples or a motion; and several
 probes brought to common times.
 """
 
@@ -84,7 +84,7 @@ def of_poses(
 
 def slides(track: Track) -> FloatArray:
     """By how much the heading of a probe's own filter has slid since the first row,
-    beside what the rates say it turned: rad, (n,). A filter slides while it learns the
+    beyond the turn of its rates: rad, (n,). A filter slides while it learns the
     field of a place.
     """
     step_s = np.diff(track.times_s)[:, None]
@@ -98,8 +98,8 @@ def slides(track: Track) -> FloatArray:
 
 
 def turning(track: Track) -> FloatArray:
-    """How fast each moment turns, rad/s; of poses alone the rate across the vertical: a
-    filter that corrects its heading turns them about it.
+    """The turn rate at each moment, rad/s; of poses alone the rate across the vertical:
+    a filter that corrects its heading turns them about it.
     """
     if track.acc is not None:
         return np.asarray(np.linalg.norm(track.gyr, axis=1))

@@ -85,7 +85,7 @@ def mounted(
 
 
 def remarks(chain: Chain, mounts: Mapping[str, Mount]) -> list[str]:
-    """Which angles have no zero, and the motion that would show it."""
+    """The angles without a zero, and the motion that would show it."""
     return [
         f"{child.name}: {WORDS} {_what(child)} is unknown: turn the whole limb "
         f"until the axis between {parent.name} and {child.name} is level for a few "

@@ -5,8 +5,8 @@ gyroscope's bias together (E. Foxlin, IEEE Computer Graphics 25(6):38, 2005).
 
 The states of the error, in this order: place, m; speed, m/s; attitude, rad, all in the
 world's axes; bias of the rates, rad/s, the probe's place from where the foot touches
-the ground, m, bias of the forces, m/s2, and what the gyroscope's scales and axes are
-off by, shares, column by column: all in the probe's.
+the ground, m, bias of the forces, m/s2, and the errors of the gyroscope's scales and
+axes, shares, column by column: all in the probe's.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ STATES = 27
 SPEED_SIGMA_M_S = 0.02
 BIAS_SIGMA_RAD_S = math.radians(0.3)
 LEVER_SIGMA_M = 0.08
-# Of a calibrated accelerometer, some mg, and what gravity differs from place to place.
+# Of a calibrated accelerometer, some mg, and the variation of gravity between places.
 PUSH_SIGMA_M_S2 = 0.05
 SCALE_SIGMA = 0.005  # a share, of a calibrated gyroscope
 # Noise: of forces and rates as such, m/s2 and rad/s over a root of Hz, and the share of
 # what is felt that scale, cross-axis and the samples' distance in time make of it.
 FORCE_NOISE, RATE_NOISE = 0.02, math.radians(0.02)
 FORCE_SHARE, RATE_SHARE = 0.006, 0.002
-# What a force adds to the rate: 0.1 deg/s a g, as data sheets of MEMS say, over three
-# axes. The mean of a gait over MEAN_S is not that of standing.
+# The rate error by a force: 0.1 deg/s a g, by data sheets of MEMS, over three axes. The
+# mean of a gait over MEAN_S is not that of standing.
 RATE_BY_FORCE, MEAN_S = math.radians(0.06) / GRAVITY_M_S2, 1.5
 # Over a root of a second: as a module warms up.
 BIAS_WANDER, PUSH_WANDER = math.radians(0.01), 0.003
 SWAY_RAD_S = math.radians(0.05)  # in the mean of a second, of a foot that stands
 LEVER_WANDER_M = 0.03  # over a root of rests
-# Of samples at the end of the range nobody knows how much more there was: at most that.
+# Of samples at the end of the range, the largest excess that is assumed.
 CLIPPED_M_S2, CLIPPED_RAD_S = 150.0, 20.0
 
-# What stands, moves by some mm/s.
+# A standing foot moves by some mm/s.
 STANDING_M_S = 0.01
 # Neighbouring samples have the same errors: so many seconds count as one.
 SAME_S = 0.04
 # A speed further from zero than this, its mean square over that expected, is that of a
 # foot that moves.
 FAR, FAR_STANDING = 4.0, 30.0  # of one that swung, and of one that stood before
-# How far speeds are off says how much noise there is: each rest counts so little, and
-# says no more than SAYS_MAX.
+# The errors of speeds show the noise: each rest has this small weight, and at most
+# SAYS_MAX.
 BELIEF = 6.0
 SAYS_MAX = 4.0
 STRETCH_MIN, STRETCH_MAX = 0.25, 100.0
@@ -93,7 +93,7 @@ class Beyond:
     lost: float = 0.0  # so far: it adds up
 
     def variance(self, is_clipped: bool, change: FloatArray, step_s: float) -> float:
-        """What a step adds, by the change since the last sample."""
+        """The error that a step adds, by the change since the last sample."""
         if not is_clipped:
             self.slope = float(np.linalg.norm(change)) / max(step_s, 1e-4)
             self.passed_s = self.lost = 0.0
@@ -222,7 +222,7 @@ class ZeroVelocity:
         off = gyr - self.bias
         shown = EYE[BIAS]
         spread = np.diag(self.covariance)[BIAS] + SWAY_RAD_S**2
-        # What rolls on evenly does not stand.
+        # A foot that rolls on evenly does not stand.
         if (off**2 < FAR_RATE**2 * spread).all():
             self._correct(shown, off, SWAY_RAD_S**2 * EYE[:3, :3])
             self._stood, self._added = self._mean, 0.0
@@ -231,9 +231,9 @@ class ZeroVelocity:
         self, gyr: FloatArray, sigma: float, *, is_new: bool, must: float
     ) -> bool:
         """Whether its speed may be that of a foot that stands, but for `sigma`, m/s.
-        `is_new`: it did not stand before, so that this tells how good the speed was.
-        `must`: so far off, and it stands all the same: then that is what its speed is
-        off by.
+        `is_new`: it did not stand before, so this shows how good the speed was. `must`:
+        it stands in spite of the large difference, which is then the error of its
+        speed.
         """
         shown, off = self._standing(gyr)
         known = shown @ self.covariance @ shown.T
@@ -245,7 +245,7 @@ class ZeroVelocity:
             self.covariance = self.covariance * far
         if not is_new:
             return True
-        # Where the rest itself is what is least sure, it says little of the noise.
+        # If the rest itself is the least certain, it shows little of the noise.
         share = float(np.trace(known) / np.trace(spread))
         self.stretch *= 1.0 + share * (min(far, SAYS_MAX) - 1.0) / BELIEF
         self.stretch = min(max(self.stretch, STRETCH_MIN), STRETCH_MAX)
@@ -260,8 +260,8 @@ class ZeroVelocity:
         return self._correct(*self._standing(gyr), noise)
 
     def _standing(self, gyr: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """A foot that stands turns about where it touches the ground: what its speed
-        shows of the states, and by how much it is off, m/s.
+        """A foot that stands turns about where it touches the ground: the slopes of its
+        speed by the states, and its difference, m/s.
         """
         moves = _matrix(self.quat) @ skew(gyr - self.bias)
         shown = EYE[SPEED].copy()
