@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Rigid bodies in motion: where their points go, and what a sensor on them feels."""
+"""Rigid bodies in motion: the paths of their points, and the readings of a sensor on
+them.
+"""
 
 from __future__ import annotations
 

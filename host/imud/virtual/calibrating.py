@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """A hand that calibrates a probe: it lays it still, turns it, lays it still, as the
-guided procedure tells it, or as people do who do not listen.
+guided procedure asks, or as people do who ignore it.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ class CalibratingHand:
 
 @dataclass(slots=True)
 class Follower:
-    """A hand that listens to a guided procedure of its own, which is fed with what the
-    probe measures.
+    """A hand that follows a guided procedure of its own, which gets the probe's
+    samples.
     """
 
     procedure: Procedure = field(default_factory=lambda: Procedure(SCALE, mount=None))
@@ -152,7 +152,8 @@ def pieces(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Mot
     air or iron, as `imud sim --hand` has them.
     """
     follower = Follower(is_lazy=name == "lazy", random=np.random.default_rng([seed, 1]))
-    # A person waits for the first words; a board needs a second until it measures.
+    # A person waits for the first instruction; a board needs a second until it
+    # measures.
     manners = Manners(first_s=2.0, is_held=name == "air")
     world = beside((IRON,) if name == "iron" else ())
     sampler = Sampler()
@@ -193,7 +194,7 @@ class Sampler:
         self._count = 0
 
     def samples(self, felt: Motion) -> Iterator[Sample]:
-        """The samples of the next piece; what is left over waits for the next one."""
+        """The samples of the next piece; the remainder is kept for the next one."""
         each = round(felt.rate_hz / self._scale.rate_hz)
         scale = self._scale
         gyr, acc, mag = felt.gyr, felt.acc, felt.mag

@@ -15,7 +15,7 @@ from imud.virtual.motions.module import Module
 
 NAME = "check"
 
-# How long it lies in the first pose: imud is started and measures meanwhile. And in
+# How long it lies in the first pose: time to start imud and to measure. And in
 # each of the others.
 FIRST_S, EACH_S = 50.0, 12.0
 

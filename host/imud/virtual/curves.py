@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Smooth quantities and attitudes over time with their exact derivatives: what
-simulated motions are made of.
+"""Smooth quantities and attitudes over time with their exact derivatives: the parts of
+simulated motions.
 """
 
 from __future__ import annotations

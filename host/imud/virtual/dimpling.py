@@ -35,7 +35,7 @@ SLIP_HZ = (0.3, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class Wobble:
-    """How a hand wobbles a probe, and what the tip stands on.
+    """How a hand wobbles a probe, and the base under the tip.
 
     A soft base lets the tip move along by a share of the sensor's way aside, later by
     the loss angle: 2 to 20 degrees for plastics and rubber.
@@ -157,7 +157,7 @@ class DimplingHand:
         return Curve(size * wave.value, size * wave.first, size * wave.second)
 
     def _tip_path(self, t: FloatArray) -> Curve:
-        """Where the tip is: at the origin, unless it slips or its base gives."""
+        """Where the tip is: at the origin, unless it slips or its base yields."""
         wobble = self._wobble
         on, none = self._wobbling(t), np.zeros((len(t), 3))
         path = Curve(none, none, none)

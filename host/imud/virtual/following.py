@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A hand that does what the page asks: it reads the same messages as a browser, lays
 the probe as the guide says, turns it when it should be waved, and aims by the errors
-that are shown. It has no programme of its own, so that a person may do any step.
+that are shown. It has no script of its own, so a person may do any step.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ REST_S = 0.2  # so soon it looks again at what is asked
 AGAIN_S = 8.0  # and lays the probe down again, if the guide still asks for the same
 FORGOTTEN_S = 2.0  # an aim of which nothing more comes is over
 AIM_S, LOOK_S = 0.7, 1.2  # the time for a correction, and to see its effect
-AIM_GAIN = 0.85  # of the error that is shown: nobody hits at once
+AIM_GAIN = 0.85  # of the error that is shown: no hand hits at once
 AIM_OFF_RAD = 0.005  # rms of an axis, that a correction misses by
 RETRY_S = 1.0
 
@@ -158,7 +158,7 @@ def _watch(eyes: Eyes, address: str) -> None:
 
 
 class FollowingHand(CalibratingHand):
-    """Does what its eyes read, and holds still meanwhile."""
+    """Does what the page asks, and holds still in between."""
 
     def __init__(self, random: np.random.Generator, rate_hz: float, eyes: Eyes) -> None:
         super().__init__(random, rate_hz, (), Manners())
@@ -189,7 +189,7 @@ class FollowingHand(CalibratingHand):
                 yield self._rest(then, LOOK_S)
                 now, done = then, None
             elif order is None and now.held:
-                # Nobody asks for anything: it is put down.
+                # Without a request it is put down.
                 then = self._stance(UP, now)
                 yield self._move(now, then, is_lifted=False)
                 now = then

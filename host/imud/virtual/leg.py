@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """A right leg that stands, squats, swings and walks, and three probes on it, with the
-truth of every joint: what `benchmarks/limb/legs.py` measures on.
+truth of every joint: the input of `benchmarks/limb/legs.py`.
 
 The foot's path comes first, then the knee's bend by the lengths of thigh and shank. The
 leg walks along x (east). Rates and forces are differences of the exact course.
@@ -56,7 +56,7 @@ toe = [{TOE_M}, -{ANKLE_M}, 0.0]
 
 @dataclass(frozen=True, slots=True)
 class Manner:
-    """How a leg moves, and how badly its probes sit."""
+    """How a leg moves, and how loosely its probes sit."""
 
     stride_s: float = 1.15
     stride_m: float = 1.15

@@ -109,8 +109,8 @@ def felt(
 def wobble(
     origin: FloatArray, walking: slice, size: float, random: np.random.Generator
 ) -> FloatArray:
-    """How soft tissue turns a probe, rotation vectors in rad: it lags behind what
-    shakes it, a damped spring; `size`: their rms of an axis while `walking`.
+    """How soft tissue turns a probe, rotation vectors in rad: it lags behind the
+    shaking, as a damped spring does; `size`: their rms of an axis while `walking`.
     """
     push = np.gradient(np.gradient(origin, 1.0 / RATE_HZ, axis=0), 1 / RATE_HZ, axis=0)
     return sprung(push @ random.standard_normal((3, 3)), walking, size)

@@ -21,7 +21,7 @@ SECONDS_AFTER = 3.0
 
 
 def orders_us(records: bytes) -> list[tuple[int, bytes]]:
-    """Frames that put these records in force, each with its device time in us."""
+    """Frames that activate these records, each with its device time in us."""
     digest = digest_of(records)
     orders = [("params_write", words) for words in words_of(records)]
     apply = ("params_apply", (len(records), digest - (digest >> 31 << 32)))
@@ -43,9 +43,9 @@ def memory_with(
     seed: int = 1,
     sensor: str = "",
 ) -> str:
-    """Writes to `path` what a virtual board remembers once these are in force; returns
-    its id. `sensor` is the emulator's word for another than its usual one. FileError if
-    the emulator fails.
+    """Writes to `path` the memory of a virtual board with these records active; returns
+    its id. `sensor` is the emulator's name of a sensor other than its usual one.
+    FileError if the emulator fails.
     """
     orders = orders_us(records)
     seconds = orders[-1][0] * 1e-6 + SECONDS_AFTER

@@ -22,7 +22,7 @@ from imud.virtual.sensors import SensorErrors
 
 SHOP, PAIR, CALIBRATED = "shop", "lsm6dsox", "calibrated"
 
-# Noise of a good MPU-9250 at 92 Hz, and what its errors are like before calibration.
+# Noise of a good MPU-9250 at 92 Hz, and its errors before calibration.
 NOISE = SensorErrors(0.08, 0.05 / MG, 0.5)
 # Of an LSM6DSOX at 208 Hz and 8 g: 3.8 mdps and 80 ug in the root of a Hz, times its
 # bandwidths of 67 and 104 Hz; of a LIS3MDL: 3.5 mgauss in ultra-high performance, which
@@ -77,7 +77,7 @@ def pair(random: np.random.Generator, warm_degc: float = WARM_DEGC) -> Module:
     rev 3, as quoted, and AN4602 rev 1.
 
     Accelerometer 20 mg and 1 %, 0.1 mg a degree; gyroscope 1 deg/s and 1 %, 0.01 deg/s
-    a degree; magnetometer up to 1 gauss of its own. What no document has is as in
+    a degree; magnetometer up to 1 gauss of its own. Errors without a document are as in
     shop(): cross-axis terms, soft iron, a die turned by 1 degree.
     """
     iron = random.normal(0.0, 0.04, (3, 3))

@@ -45,7 +45,7 @@ CSV_COLUMNS = {
 # Columns of the time, of which one is needed, and their seconds.
 CSV_TIMES = {"t_s": 1.0, "t_device_us": 1e-6}
 
-# No sensor is asked more often, nor measures more in these units.
+# Above every sensor's rate and range in these units.
 RATE_MAX_HZ = 100_000.0
 VALUE_MAX = 1e6
 
@@ -57,7 +57,7 @@ FILL_S = 0.1
 
 
 class MotionError(FileError):
-    """A motion cannot be read: which file, where in it, and why."""
+    """A motion can't be read: the file, the place in it, and the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,7 @@ NPZ_WIDTHS = {"quat": 4, "movement": 0, "is_rest": 0, "is_stroke": 0}  # 3 other
 
 
 def load(path: Path) -> Motion:
-    """Reads a `.npz` or `.csv`; MotionError says which record can't be used."""
+    """Reads a `.npz` or `.csv`; MotionError names the record that can't be used."""
     readers = {".npz": load_npz, ".csv": load_csv}
     reader = readers.get(path.suffix.lower())
     if reader is None:

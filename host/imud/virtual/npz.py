@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Arrays of a `.npz` file, which may be a stranger's: some kilobytes of it can stand
+"""Arrays of a `.npz` file, which may be hostile: some kilobytes of it can stand
 for gigabytes of zeros, and an array's head for any shape.
 """
 
@@ -38,7 +38,7 @@ def arrays_of(path: Path, keys: Iterable[str]) -> dict[str, np.ndarray[Any, Any]
 
 
 def _size(file: IO[bytes]) -> int:
-    """Bytes of the array, as its head says."""
+    """Bytes of the array, by its head."""
     version = np.lib.format.read_magic(file)
     read = {
         (1, 0): np.lib.format.read_array_header_1_0,

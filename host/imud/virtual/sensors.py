@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The simulated world and sensors: what a probe measures in a hand that moves it."""
+"""The simulated world and sensors: the readings of a probe in a moving hand."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from imud.virtual.motion import GRAVITY_M_S2, Motion, join
 # Five records a sample of the chip at 200 Hz: its averaging sees a smooth motion.
 HAND_RATE_HZ = 1000.0
 
-# The simulated MPU-9250 averages over 0.443/f seconds, as its low-pass does. Noise goes
-# in stronger by as much, so that it comes out as the data sheet says.
+# The simulated MPU-9250 averages over 0.443/f seconds, as its low-pass does. The input
+# noise is stronger by as much, so the output has the data sheet's noise.
 NOISE_WINDOW_S = 0.443 / 92.0
 
 
@@ -113,7 +113,7 @@ class Sway:
 
 
 class Legs(Protocol):
-    """A hand: what it does, move by move."""
+    """A hand, as a series of moves."""
 
     def moves(self) -> Iterator[HandMove]:
         """Its next move; each begins where the previous one ended."""

@@ -2,7 +2,7 @@
 """`imud sim`: runs a virtual probe, the real firmware image in an emulator.
 
 The emulator is a separate program (sim/nano, sim/f405, sim/pico). This module finds it
-and the image, feeds it a motion through a pipe, and repeats what it prints.
+and the image, feeds it a motion through a pipe, and repeats its output.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ def run(args: argparse.Namespace) -> int:
             progress = Progress(f"virtual {args.board.title}", seconds or 0.0)
             watched = _watched(pieces, rate_hz, progress) if is_measured else pieces
             if _follows(args.hand) and emulator.stdin is not None:
-                # What it does now must not wait for what it did.
+                # New moves must not queue behind old ones.
                 system.shorten_pipe(emulator.stdin)
             feeder = threading.Thread(
                 target=_feed, args=(emulator.stdin, watched), daemon=True
@@ -174,7 +174,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _follows(hand: str | None) -> bool:
-    """Whether a hand reacts to what is shown."""
+    """Whether a hand reacts to the page or the guide."""
     if hand is None:
         return False
     from imud.virtual import following
@@ -262,7 +262,7 @@ def _feed(file: IO[bytes], pieces: Iterable[Motion]) -> None:
 
 
 def _pass_on(lines: Iterable[bytes], progress: Progress) -> None:
-    """Repeats the emulator's lines, and says how to connect when it is ready."""
+    """Repeats the emulator's lines, and prints how to connect when it is ready."""
     for line in lines:
         text = line.decode(errors="replace").rstrip("\n")
         word, _, link = text.partition(" ")

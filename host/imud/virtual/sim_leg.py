@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def timetable(made: Leg) -> str:
-    """When the leg does what, s."""
+    """The times of the leg's motions, s."""
     parts = [f"{name} from {start:.0f} s" for name, (start, _) in made.stages.items()]
     _, end_s = made.stages["end"]
     return f"it repeats every {end_s:.0f} s: {', '.join(parts)}; Ctrl-C ends it"

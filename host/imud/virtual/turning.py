@@ -25,7 +25,7 @@ SLOPE_DEG = 0.5  # of the table, rms of an axis
 # The axis of each turn in the world, while the probe lies base down, heading north.
 AXES = {"turn": UP, "wedge": np.array([0.0, 1.0, 0.0])}
 
-# imud is started meanwhile; and how long it lies at each end.
+# time to start imud; and the rest at each end.
 FIRST_S, EACH_S, MOVE_S = 10.0, 8.0, 2.0
 
 
