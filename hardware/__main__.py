@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Builds the printed parts into build/hardware as STL, STEP and 3MF, and checks them:
-`make hardware`. With --pictures it also draws what the documents show.
+`make hardware`. With --pictures it also draws the documents' pictures.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _piece(piece: Piece) -> list[Row]:
 
 
 def _report(rows: list[Row]) -> None:
-    """A line for each check, in build/hardware/checks.txt; what is not good, here."""
+    """A line for each check, in build/hardware/checks.txt; failed ones also here."""
     lines = [
         f"{'good' if row.is_good else 'NOT GOOD':<9}{row.part:<22}{row.what:<46}"
         f"{row.measured:<48}{row.limit}"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The printed parts as one file for a release, with a sum of what they were built from.
-`python -m hardware.archive --check FILE` fails if that is not what is here.
+"""The printed parts as one file for a release, with a sum of their sources.
+`python -m hardware.archive --check FILE` fails if the sum differs from these sources.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def _add(file: zipfile.ZipFile, name: str, data: bytes) -> None:
 
 
 def is_current(path: Path) -> bool:
-    """Whether it was built from these files; not if it is no archive of ours."""
+    """Whether it was built from these files; false for any other file."""
     try:
         with zipfile.ZipFile(path) as file:
             return file.read(ORIGIN) == origin().encode() + b"\n"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What must hold of each part, and of parts and boards together. Each check returns
-rows of a table: what, measured, limit, and whether it holds.
+"""Checks of each part, and of parts and boards together. Each check returns
+rows of a table: name, measured value, limit, and verdict.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hardware.solids import box, post, slanted
 RAYS = 3000  # a part: where its walls are measured
 SEED = 1
 BED_MM = 0.01
-SPECK_MM2 = 0.01  # smaller faces are of no size for a nozzle of 0.4 mm
+SPECK_MM2 = 0.01  # smaller faces do not matter with a nozzle of 0.4 mm
 # Facets of a cone of 45 degrees are up to a degree off it.
 OVERHANG_SLACK_DEG = 1.0
 WALL_SLACK_MM = 0.01

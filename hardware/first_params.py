@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Writes where the tip of each printed handle is, as files of params that imud ships:
-`python -m hardware.first_params`. With --check it only says whether they are in step.
+`python -m hardware.first_params`. With --check it only checks whether they are up to
+date.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What must hold of gauges: their angles, and that pins find their holes."""
+"""Checks of gauges: their angles, and whether pins fit their holes."""
 
 from __future__ import annotations
 

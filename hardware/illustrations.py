@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the documents show of the parts: three sides of each, an exploded handle, and
+"""The documents' pictures of the parts: three sides of each, an exploded handle, and
 drawings with dimensions.
 """
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Where everything in a handle is, from dimensions.toml: numbers alone, which tests and
-the first params use without a library for solids.
+"""The layout of a handle, from dimensions.toml: numbers alone, for tests and the first
+params, which have no library for solids.
 
 The frame of a handle: x to its front, y to its left, z to its top; from the middle of
 the lower edge of its back. Lengths in mm.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A part as triangles: what a slicer gets, and what is checked and drawn."""
+"""A part as triangles: for slicers, checks and pictures."""
 
 from __future__ import annotations
 
