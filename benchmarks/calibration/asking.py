@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What comes of a recording that is refused for want of poses: a guide asks for them,
+"""The result of a recording that lacks poses: a guide asks for them,
 and the hand lays those that it asks for until both errors are good enough.
 """
 
@@ -22,7 +22,7 @@ from imud.rotation import FloatArray
 def judged(
     recording: SensorRecording,
 ) -> tuple[ModuleFit | None, CalibrationFault | None]:
-    """Its fit, and why it is refused."""
+    """Its fit, and the reason for refusing it."""
     fit, stops = whole.fit(recording), find_stops(recording)
     fault = faults.of_module(recording, stops, fit)
     fault = fault or faults.of_score(fit, len(stops), has_mag=True)
@@ -30,8 +30,8 @@ def judged(
 
 
 def laid_as_asked(laid: Laid) -> dict[str, Any]:
-    """What comes of it: how many poses were asked for, why it is refused then, and the
-    errors of what is accepted.
+    """The result: the number of requested poses, the reason if it is still refused, and
+    the errors if it is accepted.
     """
     more: list[FloatArray] = []
     while True:

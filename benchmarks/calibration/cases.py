@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How simulated modules are calibrated: who lays them how often, and where."""
+"""How simulated modules are calibrated: how often and where they are laid."""
 
 from __future__ import annotations
 

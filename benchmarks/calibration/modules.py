@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """How well modules from the shop are calibrated: simulated modules in simulated hands.
 
-Prints tables and writes build/benchmarks/calibration.json. Seeds are kept apart: those
-of --sets tuning were looked at while the method was made, those of judging were not.
+Prints tables and writes build/benchmarks/calibration.json. Seeds are kept apart: --sets
+tuning was used while developing the method, judging was not.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ FIT_MODULES = 10  # of which the time is measured
 
 
 def measure(task: tuple[Case, int]) -> dict[str, Any]:
-    """One recording: its errors, what the score says, whether it is accepted."""
+    """One recording: its errors, its score, and whether it is accepted."""
     case, seed = task
     found = laid(case, seed)
     recording = found.recording()
@@ -80,8 +80,8 @@ def measure(task: tuple[Case, int]) -> dict[str, Any]:
 
 
 def of_crowd(task: tuple[Case, int]) -> dict[str, Any]:
-    """The same, and what comes of it where the guide asks for more poses; not of hands
-    that never let go.
+    """The same, and the result if the guide asks for more poses; not for hands that
+    never let go.
     """
     row = measure(task)
     if row["refused"] in faults.LACKS and not task[0].is_held:
@@ -90,7 +90,7 @@ def of_crowd(task: tuple[Case, int]) -> dict[str, Any]:
 
 
 def guided(seed: int) -> dict[str, Any]:
-    """A hand that obeys the procedure, from its first word to its last."""
+    """A hand that follows the procedure from start to end."""
     random = np.random.default_rng([seed, 0xCA11])
     module = shop(random, 0.0)
     procedure, sampler = Procedure(SCALE), Sampler()
@@ -139,7 +139,7 @@ def through_image(task: tuple[str, int]) -> dict[str, Any]:
 
 def by_methods(seed: int) -> dict[str, Any]:
     """Each method on one recording: six faces with a half turn on each, then six edges,
-    so that every method has what it needs.
+    which meets the needs of every method.
     """
     random = np.random.default_rng([seed, 0xCA11])
     module = shop(random, 0.0)
@@ -200,7 +200,7 @@ def run(
 
 
 def measured(args: argparse.Namespace, which: str) -> Results:
-    """All that the arguments ask for, of one set of seeds."""
+    """All requested results of one set of seeds."""
     results = Results(which)
     seeds = [2 * index + SETS[which] for index in range(args.modules)]
     context = multiprocessing.get_context("forkserver")

@@ -14,12 +14,12 @@ from benchmarks.calibration import rough, shop_trials
 from benchmarks.common.figure import Figure
 from imud.calibration.papers.methods import METHODS
 
-GUIDED = "as the procedure guides"  # the case of which most is required
+GUIDED = "as the procedure guides"  # the case with the strictest requirements
 
 
 @dataclass(slots=True)
 class Results:
-    """All that was measured."""
+    """All results."""
 
     which: str
     cases: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
@@ -41,7 +41,7 @@ def percentile(rows: Sequence[dict[str, Any]], key: str, share: float) -> float:
 
 
 def figures(results: Results) -> list[Figure]:
-    """What the project must reach."""
+    """The required figures."""
     found = []
     for case, key, name, must, goal in (
         (GUIDED, "tilt", "tilt, deg, 95th", 0.10, 0.05),
@@ -76,8 +76,8 @@ def of_crowd(rows: Sequence[dict[str, Any]]) -> list[Figure]:
     """
     asked = [{**row, **row["asked"]} if "asked" in row else row for row in rows]
     found = []
-    # Who is asked may not be refused often; as they are, recordings are what users of
-    # all kinds leave.
+    # Users who follow the guide may rarely be refused; recordings as they are come from
+    # users of all kinds.
     as_they_are = (rows, "", (0.0, 35.0), (0.0, 15.0))
     for last, words, must, goal in (
         as_they_are,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""What is learned of rough modules in use, and whether the errors that are stated hold:
-accelerometers off by up to 600 mg, hands that also shift what they turn, rooms whose
-field is uneven, gyroscopes that never rest.
+"""Learned calibrations of rough modules in use, and their true against their stated
+errors: accelerometers off by up to 600 mg, hands that also shift what they turn, rooms
+whose field is uneven, gyroscopes that never rest.
 
 A module is inside its data sheet or far outside; the first kind should get a proposal
 within a minute, the second a true one or none.
@@ -96,7 +96,7 @@ def swings(
 
 
 def samples(rough: Rough, seed: int, seconds: float = SECONDS) -> list[Sample]:
-    """What it measures in use."""
+    """Its readings in use."""
     random = np.random.default_rng([seed, SALT, 1])
     hz = SCALE.rate_hz
     t = np.arange(round((seconds + rough.rest_s) * hz)) / hz
@@ -133,7 +133,7 @@ def samples(rough: Rough, seed: int, seconds: float = SECONDS) -> list[Sample]:
 
 
 def measure(seed: int) -> dict[str, Any]:
-    """Each proposal of a minute: its errors, and what was stated of them."""
+    """Each proposal of a minute: its true and its stated errors."""
     rough = drawn(seed)
     learner = Learner(SCALE)
     records, found = b"", []
@@ -145,7 +145,7 @@ def measure(seed: int) -> dict[str, Any]:
         if learned.proposal is None:
             continue
         proposal = learned.proposal
-        # In force at once, as with learn = "apply".
+        # Active at once, as with learn = "apply".
         records = proposal.params.encode()
         found.append(
             {
@@ -165,8 +165,8 @@ def errors(module: Module, params: Params) -> dict[str, float]:
 
 
 def figures(rows: Sequence[dict[str, Any]]) -> list[Figure]:
-    """Of all proposals, how many are inside what they state, and how much of it their
-    errors are; and how many modules inside their data sheet get one.
+    """Of all proposals, the share inside the stated errors, and the ratio of true to
+    stated ones; and how many modules inside their data sheet get one.
     """
     proposals = [each for row in rows for each in row["proposals"]]
     usual = [bool(row["proposals"]) for row in rows if row["is_usual"]]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Public recordings felt by modules from the shop: how wrong the filter is, and what it
-says of that, without any procedure and after a guided one."""
+"""Public recordings felt by modules from the shop: the filter's true and stated errors,
+without any procedure and after a guided one.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +55,7 @@ def module_of(trial: Trial, seed: int) -> Module:
 
 
 def measure(task: tuple[Path, int]) -> dict[str, Any]:
-    """One recording with one module: errors and what is stated of them."""
+    """One recording with one module: true and stated errors."""
     path, seed = task
     trial = scoring.load_trial(path)
     module = module_of(trial, seed)
@@ -78,8 +79,8 @@ def measure(task: tuple[Path, int]) -> dict[str, Any]:
 
 
 def with_learning(feed: Feed) -> tuple[Estimate, list[float]]:
-    """The poses where a daemon has `learn = "apply"`, and when it put in force what.
-    Until the probe has it there pass the fit's time and that of the change.
+    """The poses with a daemon that has `learn = "apply"`, and the times of its changes,
+    each after the duration of the fit and of the change.
     """
     hello = messages.decode(feed.hello)
     assert isinstance(hello, messages.Message)
@@ -123,8 +124,8 @@ def sample_of(feed: Feed, index: int) -> Sample:
 def apart(
     module: Module, trial: Trial, felt: Motion, known: bytes, seed: int
 ) -> dict[str, Any]:
-    """What of the guided total is not the calibration's: with a module that is warm
-    already, and with params that are the module's very errors.
+    """The part of the guided total that is not the calibration's: with a module that is
+    warm already, and with params that are the module's very errors.
     """
     warm = replace(module, drift=np.zeros(3), acc_drift=np.zeros(3))
     calm = warm.measures(trial.motion, np.random.default_rng([seed, 2]))
@@ -253,7 +254,7 @@ def _without_procedure(
 
 
 def figures(rows: Sequence[dict[str, Any]]) -> list[Figure]:
-    """What the project must reach."""
+    """The required figures."""
     found = []
     for source, label in ((None, "the probe alone"), ("learned", "no procedure")):
         found += _without_procedure(

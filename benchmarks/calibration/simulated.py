@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Simulated modules in simulated hands: recordings to calibrate from, and how far a
-calibration is from the truth."""
+"""Simulated modules in simulated hands: recordings to calibrate from, and the true
+errors of a calibration.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +48,7 @@ def samples(
     manners: Manners | None = None,
     world: World = EARTH,
 ) -> list[Sample]:
-    """What a module measures while a hand lays it with each of `ups` up."""
+    """The readings of a module while a hand lays it with each of `ups` up."""
     sensor = SensorSimulator(module, RECORDS_HZ, np.random.default_rng([seed, 1]))
     sampler = Sampler()
     exact = stream(

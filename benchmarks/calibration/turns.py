@@ -86,7 +86,7 @@ FAULTS: dict[str, Spoil] = {
 
 
 def motion_of(module: Module, seed: int, axis: FloatArray, turn_deg: float) -> Motion:
-    """One turn as a module feels it."""
+    """One turn, as measured by a module."""
     exact = stream(
         seed,
         RATE_HZ,
@@ -104,7 +104,7 @@ def motion_of(module: Module, seed: int, axis: FloatArray, turn_deg: float) -> M
 
 
 def calibrated(module: Module, seed: int) -> Params:
-    """What the guided procedure makes of it."""
+    """The params of the guided procedure."""
     ups = [*simulated.UPS, BASE_DOWN.up, None]
     recording = simulated.recorded(simulated.samples(module, seed, ups))
     fit = whole.fit(recording)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""What poses state of their tilt 30 K from the temperature of the calibration, and
-whether that holds: modules whose accelerometers drift, at rest in any attitude, by the
+"""The stated and the true tilt errors of poses 30 K from the temperature of the
+calibration: modules whose accelerometers drift, at rest in any attitude, by the
 firmware's C. Once as calibrated once, and once as calibrated at two temperatures, of
 which the second calibration learns the drift.
 
-Prints a table; seeds for judging are not looked at while something is made.
+Prints a table; seeds for judging are not used during development.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ KINDS: dict[str, Callable[[np.random.Generator], FloatArray]] = {
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Of one module: errors of tilt and what was stated of them, degrees, once for each
+    """Of one module: true and stated errors of tilt, degrees, once for each
     attitude; by one calibration and by two.
     """
 

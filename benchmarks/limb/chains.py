@@ -55,7 +55,7 @@ class Score:
 
 
 def measured(made: Made) -> session.BodyAnalysis:
-    """What imud makes of the samples at 40 Hz, as `imud export --body` does."""
+    """The result of imud for the samples at 40 Hz, as by `imud export --body`."""
     tracks = {name: track_of(each) for name, each in made.motions.items()}
     return session.of(chain.read(made.toml, "made"), tracks)
 

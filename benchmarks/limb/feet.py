@@ -43,7 +43,7 @@ SIGMAS = 1.96
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What a foot does, and the probe on it."""
+    """The motion of a foot, and the probe on it."""
 
     strides: Sequence[Gait]
     sensor: Sensor
@@ -84,7 +84,7 @@ def measure_case(case: Case, seed: int) -> Score:
 
 
 def track_of(walk: Walk) -> Track:
-    """The poses that imud makes of the samples, as `imud export --body` does."""
+    """The poses that imud computes from the samples, as `imud export --body` does."""
     return fused.attitudes(walk.times_s, walk.gyr, walk.acc, walk.mag)
 
 

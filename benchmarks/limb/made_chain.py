@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Made chains of five segments with joints of one, two and three degrees of freedom
-about any axes, moved by hand, and what probes on them measure 40 times a second.
+about any axes, moved by hand, and the readings of probes on them 40 times a second.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LOOSE_DEG = 3.0  # rms of an axis, of a probe on foam
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What each probe measures at 40 Hz, and world_from_segment at those times."""
+    """The readings of each probe at 40 Hz, and world_from_segment at those times."""
 
     motions: Mapping[str, Motion]
     quats: Mapping[str, FloatArray]
@@ -51,7 +51,7 @@ def made(
 ) -> Made:
     """A chain, always the same for the same seed; it rests STILL_S at the start. With
     `is_upright` the axes of its hinges then point up, within some degrees. `own_ut`:
-    of each probe's own field, which no calibration knows.
+    of each probe's own field, which is not calibrated.
     """
     random = np.random.default_rng([seed, 0xC4A1])
     t = np.arange(round((STILL_S + seconds) * RATE_HZ)) / RATE_HZ
@@ -101,8 +101,8 @@ def made(
 def foam(
     quat: FloatArray, place: FloatArray, random: np.random.Generator
 ) -> FloatArray:
-    """How a probe turns on foam, rotation vectors in rad: a damped spring gives way to
-    the force in its segment, so it sags with gravity and lags behind what shakes it.
+    """How a probe turns on foam, rotation vectors in rad: a damped spring yields to the
+    force in its segment, so it sags with gravity and lags behind the shaking.
     """
     push = np.gradient(np.gradient(place, 1.0 / RATE_HZ, axis=0), 1.0 / RATE_HZ, axis=0)
     force = rotation.rotate(

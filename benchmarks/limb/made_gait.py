@@ -2,7 +2,7 @@
 """A foot that walks, jogs and runs in curves, and the probe on it, with the truth.
 
 Harder than the leg of `imud.virtual.leg`: it meets the ground at a speed, shakes, rolls
-while it carries, and what it feels goes beyond the sensor's range.
+while it carries, and its motion exceeds the sensor's range.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.sensors import World
 
 SENSOR_HZ = 200.0
-# What a force adds to the rate, an element's rms: over three axes 0.1 deg/s a g, which
+# The rate error by a force, rms of an element: over three axes 0.1 deg/s a g, which
 # is usual for MEMS.
 RATE_BY_FORCE = math.radians(0.06) / GRAVITY_M_S2
 SOLE_S = 0.004  # in which a foot is stopped, one sigma
@@ -45,7 +45,7 @@ class Gait:
     toe_rad: float = math.radians(18.0)  # at which it meets the ground
     clearance_m: float = 0.08
     impact_m_s: float = 0.8
-    turns_rad: float = 0.1  # what is new in the turn of each stride, one sigma
+    turns_rad: float = 0.1  # the random part of each stride's turn, one sigma
 
 
 GAITS = {
@@ -77,14 +77,14 @@ class Sensor:
 USUAL_SENSOR = Sensor()
 # As a foot on which recordings with optical truth are made: no compass, little rest.
 BARE = Sensor(has_compass=False, stand_s=2.0)
-# Its ranges end below what a runner's foot turns and feels.
+# Its ranges end below the rates and forces of a runner's foot.
 NARROW = Sensor(False, math.radians(900.0), 8.0 * GRAVITY_M_S2, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """What the probe measures at SENSOR_HZ, rad/s, m/s2, uT; where it is, m; and when
-    the foot stood: from and to, s.
+    """The probe's readings at SENSOR_HZ, rad/s, m/s2, uT; its place, m; and when the
+    foot stood: from and to, s.
     """
 
     times_s: FloatArray
@@ -217,7 +217,7 @@ def _meeting(u: FloatArray, speed: float) -> FloatArray:
 def _shaken(
     contacts: list[tuple[float, float]], count: int, random: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """What each meeting with the ground leaves: m, and rad, decaying."""
+    """The decaying shake after each contact with the ground: m, and rad."""
     shaken, twisted = np.zeros((count, 3)), np.zeros((count, 3))
     for begin_s, _ in contacts[1:]:
         first = round((begin_s - 0.01) * RATE_HZ)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Joint angles as others have them, from the same samples as ours."""
+"""Joint angles by other methods, from the same samples."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HEADING_S = 5.0  # time constant of the heading between two probes
 
 
 def opensense(feeds: Mapping[str, Feed], times_s: FloatArray) -> Posture:
-    """VQF for each probe; a pose aligns, and the thigh's probe says what is ahead.
+    """VQF for each probe; a pose aligns, and the thigh's probe defines what is ahead.
 
     A. Al Borno et al., OpenSense, J. NeuroEng. Rehabil. 19:22, 2022.
     """
@@ -82,7 +82,7 @@ def _inertial(motion: Motion) -> Track:
 def _corrected(
     parent: Track, child: Track, first: FloatArray, second: FloatArray
 ) -> tuple[float, FloatArray]:
-    """What is left of the axes, and the angle."""
+    """The residual of the axes, and the angle."""
     ends = [
         rotation.rotate(track.quat, axis)
         for track, axis in ((parent, first), (child, second))
