@@ -92,7 +92,7 @@ export class ResultCard {
 }
 
 /**
- * What is left to do once a calibration is in force, and then how good the poses are.
+ * What is left to do once a calibration is active, and then how good the poses are.
  * @param {Probe} probe
  * @param {boolean} isFresh
  */

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
 // Calibrates the selected probe: guides the user, shows the covered directions, and
-// puts the result in force.
+// activates the result.
 
 import { make } from "../dom.js";
 import { tell } from "../header.js";
@@ -141,7 +141,7 @@ export class CalibrateView {
     }
   }
 
-  /** @param {"outcome" | "before"} which params to put in force */
+  /** @param {"outcome" | "before"} which params to activate */
   async _change(which) {
     const { link, probe, selected } = this._model;
     const line = probe?.calibration;
