@@ -36,7 +36,7 @@ static void pins_init(void) {
     GPIOA->afr[0] =
         NIBBLE(PIN_TXD, ALTERNATE_USART2) | NIBBLE(PIN_RXD, ALTERNATE_USART2);
     GPIOA->pupdr = (GPIOA->pupdr & (PAIR(PIN_SWDIO, 3) | PAIR(PIN_SWCLK, 3))) |
-                   PAIR(PIN_RXD, PULL_UP);  // a line that nobody drives is idle
+                   PAIR(PIN_RXD, PULL_UP);  // an undriven line is idle
     GPIOA->moder = ALL_ANALOG ^ MODE(PIN_TXD, GPIO_ALTERNATE) ^
                    MODE(PIN_RXD, GPIO_ALTERNATE) ^ MODE(PIN_SWDIO, GPIO_ALTERNATE) ^
                    MODE(PIN_SWCLK, GPIO_ALTERNATE);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A Li-ion cell and its charger, a BQ24072: smooths and debounces what their pins say.
+// A Li-ion cell and its charger, a BQ24072: smooths and debounces their pins.
 #ifndef BATTERY_H
 #define BATTERY_H
 

@@ -12,7 +12,7 @@
 
 enum bus_result {
     BUS_OK = 0,
-    BUS_NACK = -1,     // nobody answers at that address, or it refuses a byte
+    BUS_NACK = -1,     // no answer at that address, or a refused byte
     BUS_TIMEOUT = -2,  // the bounded wait ran out
     BUS_STUCK = -3,    // SDA or SCL is held low
 };

@@ -78,7 +78,7 @@ static void end_magnetic(struct joined *joined, bool has_mag) {
     joined->phase = CLEAR;
 }
 
-// Nobody there is no failure, and what fails here is tried again. A line that is held
+// A missing chip is no failure, and a failure here is tried again. A line that is held
 // is for the board to free.
 static enum sensor_result set_up_magnetic(struct joined *joined,
                                           const IN_FLASH struct bus_device *bus,
@@ -129,7 +129,7 @@ enum sensor_result joined_setup(void *state, const IN_FLASH struct bus_device *b
     return SENSOR_OK;
 }
 
-// What a bus reads that nobody drives or that is held: no reading.
+// The byte of an undriven or held bus: no reading.
 static bool is_no_reading(const uint8_t *bytes, uint8_t length) {
     for (uint8_t i = 1; i < length; ++i) {
         if (bytes[i] != bytes[0]) {

@@ -16,10 +16,10 @@ struct joined_axes {
     uint16_t beyond;
 };
 
-// What a driver of an inertial chip gives. Its burst begins with the temperature.
+// The interface of an inertial chip's driver. Its burst begins with the temperature.
 struct joined_inertial {
     const IN_FLASH struct part_chip *chip;
-    struct sensor_identity known;  // what is known before it is asked
+    struct sensor_identity known;  // the identity before it answers
     struct bus_burst burst;        // these two without an address
     struct sensor_ready ready;
     struct joined_axes acc, gyr;
@@ -27,7 +27,7 @@ struct joined_inertial {
     int16_t temperature_cdeg_q8;  // a count, times 256
 };
 
-// What a driver of a magnetometer gives. Its burst begins with a status.
+// The interface of a magnetometer's driver. Its burst begins with a status.
 struct joined_magnetic {
     const IN_FLASH struct part_chip *chip;
     uint32_t mag_lsb_pt;
@@ -67,8 +67,8 @@ struct joined {
 //
 // A magnetometer that does not answer is left out: six axes, who_am_i[1] is 0. It is
 // looked for once every two checks, and a new set-up brings it back. One that answers
-// and does not work is left out too, told by `mag_failed`, and looked for ever later.
-// Without it the second burst has length 0.
+// and does not work is left out too, reported by `mag_failed`, and searched at growing
+// intervals. Without it the second burst has length 0.
 void joined_begin(void *state);
 enum sensor_result joined_setup(void *state, const IN_FLASH struct bus_device *bus,
                                 uint32_t now_us) MUST_CHECK;

@@ -20,7 +20,7 @@ enum {
     WHO_LIS3MDL = 0x3D,
     AUTO_INCREMENT = 0x80,  // DS 5.1.1: of the sub-address
 
-    // AP and PX4 run with it: an early document says that it compensates.
+    // AP and PX4 run with it: an early document states that it compensates.
     TEMP_EN = 0x80,        // CTRL1
     XY_ULTRA_HIGH = 0x60,  // CTRL1: OM
     XY_LOW_POWER = 0x00,

@@ -22,7 +22,7 @@ enum {
 
     ADDRESS = 0x6A,  // pin SA0 low
     ADDRESS_HIGH = 0x6B,
-    WHO_LSM6DSOX = 0x6C,    // and LSM6DSO; and LSM6DSO32, which the force tells
+    WHO_LSM6DSOX = 0x6C,    // and LSM6DSO; and LSM6DSO32, which the force shows
     WHO_ISM330DHCX = 0x6B,  // REG
 
     DATAREADY_PULSED = 0x80,  // DS 9.7: for 75 us
@@ -39,7 +39,7 @@ enum {
     SW_RESET = 0x01,
     ST_XL_NEGATIVE = 0x02,  // DS tables 56 and 55
     ST_G_POSITIVE = 0x04,
-    // DS 9.20: what it is at reset, and I3C_disable, which DS recommends.
+    // DS 9.20: its reset value, and I3C_disable, which DS recommends.
     CTRL9_XL = 0xE2,
     XLDA = 0x01,  // REG: STATUS_REG
     GDA = 0x02,
@@ -165,7 +165,7 @@ const IN_FLASH struct joined_inertial lsm6dsox = {
         },
     .burst = {0, REG_OUT_TEMP_L, BURST_BYTES},
     .ready = {0, REG_STATUS, GDA},
-    // 16 g are 32787 counts; 2000 deg/s 28571, beyond which the document says nothing.
+    // 16 g are 32787 counts; 2000 deg/s 28571, beyond which the document has no data.
     .acc = {ACC_PLACE, INT16_MAX},
     .gyr = {GYR_PLACE, ROUNDED(2000 / 0.07) + 1},
     // DS table 5: 256 a degC, 0 at 25 degC.

@@ -38,7 +38,7 @@ static bool is_fresh(const uint8_t *status) {
     return (*status & LSM9DS0_DATA_READY) == LSM9DS0_DATA_READY;
 }
 
-// What a bus reads that nobody drives: all ones. All zeros are not fresh.
+// The bytes of an undriven bus: all ones. All zeros are not fresh.
 static bool is_floating(const uint8_t *bytes) {
     for (uint8_t i = GYR_PLACE; i < TEMPERATURE_PLACE; ++i) {
         if (bytes[i] != 0xFF) {

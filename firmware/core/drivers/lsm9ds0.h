@@ -37,11 +37,11 @@ struct lsm9ds0 {
     struct lsm9ds0_config config;
     struct sensor_identity identity;
     struct bus_burst bursts[LSM9DS0_BURSTS];
-    uint16_t since;  // start of the wait in force, ticks of 1.024 ms
+    uint16_t since;  // start of the current wait, ticks of 1.024 ms
     uint16_t wait;   // ticks
     uint8_t step;    // of set-up
     uint8_t count;   // samples within the step
-    uint8_t ready;   // sensors that have told data-ready, within the last step
+    uint8_t ready;   // sensors that were data-ready, within the last step
     uint8_t held;    // samples since the last with an acceleration of its own
     bool has_mag;    // the magnetometer measures
     bool checks_xm;  // the half whose registers are read back next

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the LSM9DS0's driver share.
+// Shared by the files of the LSM9DS0's driver.
 //
 //   lsm9ds0_setup.c  set-up and self-test; looks after the chip
 //   lsm9ds0.c        bursts to samples; neither calls the other

@@ -115,7 +115,7 @@ static enum sensor_result write_registers(const IN_FLASH struct bus_device *bus,
                                           data, length);
 }
 
-// What makes each half what it is: its control registers' values. Of the gyroscope, its
+// The configuration of each half: its control registers' values. Of the gyroscope, its
 // stimulus on or off.
 static void gyr_values(const struct lsm9ds0 *chip, uint8_t stimulus,
                        uint8_t values[G_VALUES]) {

@@ -85,7 +85,7 @@ static void take_field(struct mpu9250 *chip, const uint8_t *block, struct sample
     out->mag = (struct counts){.x = field[1], .y = field[0], .z = (int16_t)-field[2]};
 }
 
-// What a bus reads that nobody drives or that is held: no reading.
+// The byte of an undriven or held bus: no reading.
 static bool is_no_reading(const uint8_t *bytes) {
     for (uint8_t i = 1; i < MPU9250_INERTIAL_BYTES; ++i) {
         if (bytes[i] != bytes[0]) {

@@ -19,14 +19,14 @@ enum {
 struct mpu9250 {
     struct sensor_identity identity;
     struct bus_burst bursts[1];
-    uint16_t since;       // start of the wait in force, ticks of 1.024 ms
+    uint16_t since;       // start of the current wait, ticks of 1.024 ms
     uint8_t wait;         // ticks
     uint8_t step;         // of set-up
     uint8_t count;        // tries
     uint8_t read;         // a register that was looked at
     uint8_t was_running;  // not 0: the chip has had its power since it was set up
     uint8_t verified;     // registers read back, of this round
-    bool was_ready;       // the AK8963's block before this one said data-ready
+    bool was_ready;       // the AK8963's block before this one was data-ready
     uint8_t mag[6];       // its data last read
     uint8_t mag_age;      // checks since it last measured, or was looked for
     // A new set-up forgets all before these.

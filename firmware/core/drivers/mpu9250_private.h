@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// What the files of the MPU-9250's driver share.
+// Shared by the files of the MPU-9250's driver.
 //
 //   mpu9250_setup.c  set-up and self-test of the chip and of its AK8963, and looking
 //                    after them; begins with what mpu9250.c knows
-//   mpu9250.c        what is known of the chip, bursts to samples
+//   mpu9250.c        properties of the chip, bursts to samples
 //
 // Documents: RM = RM-MPU-9250A-00 rev 1.6 (registers, by their decimal number), PS =
 // PS-MPU-9250A-01 rev 1.0, AN = AN-MPU-9250A-03 rev 1.0 (self-test), AK = AK8963 data
@@ -22,7 +22,7 @@ enum {
     MPU9250_MAG_BYTES = 8,          // ST1, three axes little-endian, ST2
 };
 
-// What is known before the chip is asked. In another file than set-up, or the compiler
+// The identity before the chip answers. In another file than set-up, or the compiler
 // would store it field by field.
 extern const IN_FLASH struct sensor_identity mpu9250_known;
 

@@ -49,7 +49,7 @@ enum {
     INT_PULSE = 0x00,
     BYPASS_EN = 0x02,  // the AK8963 is on the host's bus
 
-    // What a bus reads that nobody drives, or that is held.
+    // The byte of an undriven or held bus.
     WHO_NOBODY = 0xFF,
     WHO_HELD = 0x00,
 };

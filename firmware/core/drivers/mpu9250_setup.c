@@ -20,7 +20,7 @@ enum {
     GYRO_START_TICKS = 50,  // PS 3.1: 35 ms typical
     TEST_TICKS = 100,       // a low-pass of 10 Hz settles to 0.3 % (RM 4.6: 18 ms)
     FORCE_TICKS = 4,        // between two looks at the force
-    FORCE_TRIES = 250,      // a second: nobody shakes a probe without passing 1 g
+    FORCE_TRIES = 250,      // a second: a shaken probe passes 1 g by then
     SETTLE_TICKS = 21,      // AN 3: 20 ms after a range changes
     DATA_READY_TICKS = 50,  // ten samples
     MAG_TICKS = 2,          // AK 6.3: 100 us between two modes
@@ -48,7 +48,7 @@ struct row {
 enum {
     WAIT,      // the value: ticks
     IDENTIFY,  // by the WHO_AM_I that was read
-    // Where the inertial sensors have been tested, goes on so many rows further.
+    // Skips so many rows where the inertial sensors have been tested.
     SKIP_IF_TESTED,
     TEST_READ,    // six axes to the place
     AWAIT_FORCE,  // goes back a row until that has read about 1 g
@@ -185,7 +185,7 @@ static const IN_FLASH struct table table = {
         {MASTER_IF_MAG, I2C_MST_EN},
         // The master's single transfer, by slave 4, follows its read of a
         // sample: measurements then end 2.6 ms after samples, as far from the
-        // next read as can be. One that ends while a read goes on is lost
+        // next read as can be. One that ends during a read is lost
         // (AK 6.4.3.4), and does so for long where the clocks agree.
         {REG_I2C_SLV4_ADDR, AK8963_ADDRESS},
         {REG_I2C_SLV4_REG, AK_CNTL1},
@@ -231,7 +231,8 @@ static void wait_for(struct mpu9250 *chip, uint16_t now, uint8_t ticks) {
     chip->wait = ticks;
 }
 
-// The functions of rows: SENSOR_OK where the row is done, SENSOR_BUSY where it goes on.
+// The functions of rows: SENSOR_OK where the row is done, SENSOR_BUSY where it
+// continues.
 
 static enum sensor_result
 test_read(struct mpu9250 *chip, const IN_FLASH struct bus_device *bus, uint8_t place) {
@@ -264,7 +265,7 @@ static enum sensor_result await_force(struct mpu9250 *chip, uint16_t now,
     return chip->count < FORCE_TRIES ? SENSOR_OK : SENSOR_NO_FORCE;
 }
 
-// Without an AK8963 that answers the probe has six axes; identity says so.
+// Without an AK8963 that answers the probe has six axes, as identity shows.
 NOINLINE static void mag_is_absent(struct mpu9250 *chip) {
     set_has_mag(chip, false);
     chip->identity.kind = SENSOR_MPU6500;
@@ -385,7 +386,7 @@ static enum sensor_result do_row(struct mpu9250 *chip,
     case VERIFY:
         return verify(chip, bus);
     case MAG_ALIVE:
-        // Held since its power came: nothing will free it, and nobody must try.
+        // Held since its power came: nothing frees it, and no attempt may be made.
         if ((chip->read & value) == 0 && chip->was_running == 0) {
             chip->mag_failures = UINT8_MAX;
             mag_is_absent(chip);

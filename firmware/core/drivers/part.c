@@ -10,7 +10,7 @@ enum {
     TICK_US = 1024,    // a wait of n ticks lasts more than n - 1
     DATA_TICKS = 100,  // of one sample, at 52 Hz or more
     RESET_TICKS = 20,  // ST's drivers poll without a bound; theirs of others wait 20 ms
-    FORCE_TRIES = 10,  // a second: nobody shakes a probe without passing 1 g
+    FORCE_TRIES = 10,  // a second: a shaken probe passes 1 g by then
     FORCE_SCALE = 3,   // bits: an eighth of the sum of five
     KEPT_COUNT_MAX = 13,
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A chip of ST that is one part of a sensor in several: found at one of its addresses,
 // reset, tested and set up by a table of its own, each call a row. What the chips have
-// in common: registers of a byte, three axes little-endian, a status that says which
+// in common: registers of a byte, three axes little-endian, a status that shows which
 // data are new, WHO_AM_I at 0x0F.
 //
 // With PART_WITHOUT_SELF_TEST, for a board that has no room for it, nothing is tested.
@@ -29,7 +29,7 @@ enum {
     PART_WAIT = 0x80,  // the value: ticks of 1.024 ms
     PART_FIND,         // tries the addresses, and takes what has the name
     PART_AWAIT_RESET,  // until these bits of the reset register are clear
-    // Where the chip has been tested before, goes on so many rows further.
+    // Skips so many rows where the chip has been tested before.
     PART_SKIP_IF_TESTED,
     PART_SAMPLE_PLAIN,       // of these axes (their number), without the stimulus
     PART_SAMPLE_STIMULATED,  // and with it
@@ -55,7 +55,7 @@ struct part_axes {
 #endif
 };
 
-// What is known of a kind of chip.
+// The properties of a kind of chip.
 struct part_chip {
     uint8_t addresses[2];
     uint8_t names[2];   // of WHO_AM_I; the same twice where there is one
@@ -80,13 +80,13 @@ struct part {
     uint8_t verdicts;  // flags self_test of the protocol
     // A new set-up forgets all but these.
     uint8_t address;
-    uint8_t who_am_i;  // PART_WHO_NOBODY, or what has answered
+    uint8_t who_am_i;  // PART_WHO_NOBODY, or the chip's answer
     uint8_t wrong_register;
     uint8_t step;   // of the rows
     uint8_t count;  // within the row
     uint8_t tries;
     uint8_t wait;    // ticks
-    uint16_t since;  // start of the wait in force, ticks
+    uint16_t since;  // start of the current wait, ticks
     bool is_found;
 #ifndef PART_WITHOUT_SELF_TEST
     bool is_moving;

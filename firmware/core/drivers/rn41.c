@@ -139,8 +139,8 @@ static enum rn41_event fail(struct rn41 *rn41, enum rn41_fault fault, uint32_t n
     return RN41_FAULT;
 }
 
-// A setting told, "Baudrt(SW4)=115K": which it is, and whether it is right. Modes are
-// told by words, the one that SM,0 sets by "Slav".
+// A reported setting, "Baudrt(SW4)=115K": which it is, and whether it is right. Modes
+// are reported as words, the one that SM,0 sets as "Slav".
 static void take_setting(struct rn41 *rn41) {
     const char *value = rn41->line;
     for (; *value != '='; value++) {
@@ -357,7 +357,7 @@ static enum rn41_event judge_settings(struct rn41 *rn41, uint32_t now_us) {
     return RN41_NOTHING;
 }
 
-// A list has no end of its own: it is over when all is told and nothing more comes.
+// A list has no end of its own: it ends when all is sent and nothing more comes.
 static enum rn41_event take_list(struct rn41 *rn41, uint8_t wanted, uint32_t now_us) {
     if ((rn41->known & wanted) != wanted || now_us - rn41->heard_us < QUIET_US) {
         return has_passed(rn41, LIST_US, now_us) ? fail(rn41, RN41_GARBLED, now_us)

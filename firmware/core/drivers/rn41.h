@@ -41,7 +41,7 @@ enum rn41_fault {
     RN41_REFUSED,  // it did not accept, or did not keep, a setting
 };
 
-// What the driver needs from a board. None of these functions waits.
+// The functions of the board. None of them waits.
 struct rn41_port {
     void (*send)(const char *bytes, uint8_t length);
     int16_t (*receive)(void);         // the next byte, or -1

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a sensor driver hands on: one instant of all sensors, in the probe's body frame.
+// The output of a sensor's driver: one instant of all sensors, in the probe's body
+// frame.
 #ifndef SAMPLE_H
 #define SAMPLE_H
 

@@ -65,10 +65,10 @@ enum {
     CHECK_BYTES = 128,  // of a block's checksum in one step: 12 us
     TRIES = 3,
     PAUSE_US = 2000,           // between two questions whether it has started
-    EXCHANGE_US_MAX = 100000,  // four times what a block takes at 200 kHz
+    EXCHANGE_US_MAX = 100000,  // four times a block's time at 200 kHz
 };
 
-// What is asked of the card, in the order in which it is.
+// The commands to the card, in their order.
 enum stage {
     STAGE_OVER,
     STAGE_WAKE,       // clocks for a card that has just got power
@@ -85,15 +85,15 @@ enum stage {
     STAGE_READ,
     STAGE_CHECK,
     STAGE_OPEN,
-    STAGE_RUNNING,  // a run is open, and nothing goes on
+    STAGE_RUNNING,  // a run is open, without an operation
     STAGE_WRITE,
     STAGE_STOP,
     STAGE_VERIFY,  // CMD13 behind a run
     STAGE_ABORT,   // CMD12 behind a refused block
-    STAGE_CLEAR,   // CMD13, which clears what was wrong
+    STAGE_CLEAR,   // CMD13, which clears the error
 };
 
-// What the stage waits for.
+// The event that the stage waits for.
 enum wait {
     WAIT_NOTHING,
     WAIT_BEGINNING,  // the first step of an operation
@@ -175,7 +175,7 @@ static enum sdcard_result command(struct sdcard *card, uint8_t index, uint32_t a
                     now_us);
 }
 
-// Looks at what the card says for that many bytes, which go to where blocks do.
+// Checks that many bytes from the card, which go to the blocks' buffer.
 static enum sdcard_result poll(struct sdcard *card, uint16_t length, enum wait wait,
                                uint32_t now_us) {
     card->polled = length;
@@ -413,7 +413,7 @@ static enum sdcard_result judge(struct sdcard *card, uint8_t r1, const uint8_t *
         return await_ready(card, STAGE_CLEAR, now_us);
     case STAGE_CLEAR:
         return end(card, (enum sdcard_result)card->outcome, now_us);
-    default:  // CHECK, VERIFY: R2, whose second byte says what went wrong, 7.3.2.3
+    default:  // CHECK, VERIFY: R2, whose second byte has the error, 7.3.2.3
         return end(card, rest[0] == 0 ? SDCARD_OK : SDCARD_FAILED, now_us);
     }
 }
@@ -487,7 +487,7 @@ static enum sdcard_result send_block(struct sdcard *card, uint32_t now_us) {
     return exchange(card, card->frame, NULL, sizeof card->frame, WAIT_OUTGOING, now_us);
 }
 
-// Data response, 7.3.3.1. What is refused ends the run by CMD12.
+// Data response, 7.3.3.1. A refused block ends the run by CMD12.
 static enum sdcard_result take_response(struct sdcard *card, uint32_t now_us) {
     uint8_t response = SILENCE;
     for (uint8_t i = 0; i < RESPONSE_WITHIN && response == SILENCE; i++) {

@@ -82,9 +82,9 @@ void sdcard_open(struct sdcard *card, uint32_t block);
 void sdcard_write(struct sdcard *card);
 void sdcard_close(struct sdcard *card);
 
-// Positive while an operation goes on, then its result once, then SDCARD_OK.
+// Positive during an operation, then its result once, then SDCARD_OK.
 enum sdcard_result sdcard_step(struct sdcard *card, uint32_t now_us);
-// No operation goes on, and no run is open.
+// There is no operation, and no open run.
 bool sdcard_is_idle(const struct sdcard *card);
 
 #endif

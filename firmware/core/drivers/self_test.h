@@ -26,7 +26,7 @@ struct self_test {
 };
 
 // Adds a reading of one axis, counts, to a run of at most 65535. A rate that strays
-// more than `moving` counts from the first of its run tells motion. How far is taken
+// more than `moving` counts from the first of its run shows motion. How far is taken
 // modulo 2^16: none gets from one end of the range to the other between two samples.
 static inline void self_test_add(struct self_test *test, uint8_t axis, int16_t value,
                                  bool is_first, uint16_t moving) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The seam between a sensor's driver and the probe: what the sensor is, how it is set
-// up step by step, and how the bytes of its bursts become a sample.
+// The seam between a sensor's driver and the probe: the sensor's identity, how it is
+// set up step by step, and how the bytes of its bursts become a sample.
 #ifndef SENSOR_H
 #define SENSOR_H
 
@@ -19,9 +19,9 @@ enum sensor_result {
     SENSOR_BUS_NACK = BUS_NACK,
     SENSOR_BUS_TIMEOUT = BUS_TIMEOUT,
     SENSOR_BUS_STUCK = BUS_STUCK,
-    SENSOR_WRONG_CHIP = -4,   // what is there is not of the driver's kind
+    SENSOR_WRONG_CHIP = -4,   // the chip is not of the driver's kind
     SENSOR_STUCK = -5,        // the chip answers but never gets ready
-    SENSOR_UNSET = -6,        // a register does not hold what was written to it
+    SENSOR_UNSET = -6,        // a register does not keep its value
     SENSOR_NO_FORCE = -7,     // the accelerometer never measured about 1 g
     SENSOR_MAG_CHANGED = -8,  // the magnetometer went silent, or answers again
     SENSOR_MAG_STUCK = -9,    // it holds its bus, or keeps the sensor from data
@@ -44,13 +44,13 @@ struct sensor_identity {
     uint32_t gyr_lsb_nrad_s;  // one count of the gyroscope, 1e-9 rad/s
     uint32_t mag_lsb_pt;      // one count of the magnetometer, 1e-6 uT (picotesla)
     uint8_t wrong_register;   // that made SENSOR_UNSET
-    // What the self-test found, for a host to judge; null where the driver judges.
+    // The self-test's responses, for a host to judge; null where the driver judges.
     const struct message_self_test *answers;
 };
 
 enum { SENSOR_BURSTS_MAX = 3 };
 
-// Where a chip says that there is a sample: these bits of a register, until it is read.
+// Where a chip reports a sample: these bits of a register, until it is read.
 struct sensor_ready {
     uint8_t address;
     uint8_t reg;
@@ -66,8 +66,9 @@ struct sensor_driver {
     enum sensor_result (*setup)(void *state, const IN_FLASH struct bus_device *bus,
                                 uint32_t now_us);
     // Turns the bytes of a sample's bursts, which follow each other, into that sample;
-    // fills everything but has_gap, which it sets where the chip says that samples were
-    // overwritten unread. False where they can't be a reading: then nothing is written.
+    // fills everything but has_gap, which it sets where the chip reports that samples
+    // were overwritten unread. False where they can't be a reading: then nothing is
+    // written.
     bool (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
                   struct sample *out);
     // Looks after the sensor: about once a second while samples flow, between two
@@ -75,16 +76,16 @@ struct sensor_driver {
     // is well; a failure as set-up has it.
     enum sensor_result (*check)(void *state, const IN_FLASH struct bus_device *bus);
     void *state;
-    // Within the state, and constant once set-up is done: what the sensor is, and the
-    // transfers that make one sample, at most SENSOR_BURSTS_MAX. Together these have
-    // BUS_BURST_MAX bytes at most. One of length 0 ends them.
+    // Within the state, and constant once set-up is done: the sensor's identity, and
+    // the transfers that make one sample, at most SENSOR_BURSTS_MAX. Together these
+    // have BUS_BURST_MAX bytes at most. One of length 0 ends them.
     const struct sensor_identity *identity;
     const struct bus_burst *bursts;
     uint8_t bursts_count;
 #ifndef ACQUISITION_WIRED_ONLY
     // For a board without a data-ready wire; null: the driver does not tell it yet.
     const struct sensor_ready *ready;
-    // The sensor that may be there in place of this one, where nobody answers; null:
+    // The sensor that may be there in place of this one, if it does not answer; null:
     // none is.
     const IN_FLASH struct sensor_driver *or_else;
 #endif

@@ -118,7 +118,7 @@ class Driver:
 
     def _identify(self):
         self.who_am_i = self._register(_WHO_AM_I)
-        if self.who_am_i in (0x00, 0xFF):  # of a bus that nobody drives, or is held
+        if self.who_am_i in (0x00, 0xFF):  # of an undriven or held bus
             self._fail(wire.CAUSE_WRONG_CHIP)
 
     def _compare(self, pairs):
@@ -257,7 +257,7 @@ class Driver:
 
 
 def _is_one_value(data):
-    """What a bus reads that nobody drives or that is held: no reading."""
+    """Whether it is the byte of an undriven or held bus: no reading."""
     first = data[0]
     if first not in (0x00, 0xFF):
         return False
