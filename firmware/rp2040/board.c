@@ -61,7 +61,8 @@ void board_init(void) {
     flash_init();
     sampling_init();
     wire_init();
-    // What a reset cut short. A bus that stays held shows at the first transfer.
+    // A transfer that a reset cut short. A bus that stays held shows at the first
+    // transfer.
     const enum bus_result freed = board_bus_recover();
     (void)freed;
     reset_watch();

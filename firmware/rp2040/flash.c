@@ -28,7 +28,7 @@ static uint32_t offset_of(uint8_t sector, uint32_t word) {
     return FIRST + (uint32_t)sector * SECTOR_BYTES + word * sizeof(uint32_t);
 }
 
-// Past the cache, which may still hold what was there before.
+// Past the cache, which may still hold the previous contents.
 static uint32_t read_word(uint8_t sector, uint32_t word) {
     return *(const volatile uint32_t *)(XIP_NOCACHE_NOALLOC_BASE +
                                         offset_of(sector, word));

@@ -33,9 +33,9 @@ static enum bus_result result_of(int moved, int wanted) {
     return moved == PICO_ERROR_TIMEOUT ? BUS_TIMEOUT : BUS_NACK;
 }
 
-// False where a line is held. The SDK takes TX_EMPTY for the end of what was sent. With
-// the threshold of sampling.c that comes too soon: it would switch the bus off over a
-// byte that has not left.
+// False where a line is held. The SDK takes TX_EMPTY for the end of a transmission.
+// With the threshold of sampling.c that comes too soon: it would switch the bus off
+// over a byte that has not left.
 static bool prepare(void) {
     SENSOR_BUS->hw->tx_tl = 0;
     return !is_held();

@@ -100,7 +100,7 @@ _Noreturn void board_reset(void) {
     reset_now(MARK_ASKED);
 }
 
-// `frame` may lie outside the stack, when the stack is what is wrong.
+// `frame` may lie outside the stack, if the stack is the cause.
 __attribute__((used)) static _Noreturn void die(const uint32_t *frame, enum mark mark) {
     const bool is_there = frame >= &__StackBottom && frame + FRAME_PC < &__StackTop;
     watchdog_hw->scratch[SCRATCH_ADDRESS] = is_there ? frame[FRAME_PC] : 0;
@@ -111,7 +111,7 @@ __attribute__((used)) static _Noreturn void die_of_fault(const uint32_t *frame) 
     die(frame, MARK_FAULT);
 }
 
-// Names of the SDK. On the stack's other end: it may be what is wrong.
+// Names of the SDK. On the stack's other end: it may be the cause.
 __attribute__((naked)) void isr_hardfault(void) {
     __asm__ volatile("mov r0, sp\n\t"
                      "ldr r1, =__StackTop\n\t"
@@ -130,7 +130,7 @@ __attribute__((used)) static void tick(const uint32_t *frame) {
     }
 }
 
-// The least urgent of all, so that what it interrupts is the main loop.
+// The least urgent of all, so it interrupts the main loop alone.
 __attribute__((naked)) void isr_systick(void) {
     __asm__ volatile("mov r0, sp\n\t"
                      "push {r0, lr}\n\t"

@@ -195,14 +195,14 @@ static bool is_over(void) {
 
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {
     board_sampling_stop();
-    // A stale reading has taken nothing of what was missed.
+    // A stale reading has none of the missed samples.
     slots_restart(&slots, slots.is_running && !is_stale ? filling()->missed : 0);
     for (uint8_t i = 0; i < count; i++) {
         transfers[i] = bursts[i];
     }
     transfers_count = count;
     const uint32_t mask = save_and_disable_interrupts();
-    // Of a reading that waits already nobody knows since when.
+    // The age of a reading that already waits is unknown.
     is_waiting = gpio_get(PIN_DATA_READY);
     is_stale = is_waiting;
     edge_us = time_us_32();

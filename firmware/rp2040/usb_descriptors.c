@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the board says of itself on USB: one serial port, whose serial number is the
+// The board's descriptors on USB: one serial port, whose serial number is the
 // chip's.
 #include <string.h>
 

@@ -21,7 +21,7 @@ enum {
     BAUD = 921600,
     SENDING_SIZE = 16384,  // 0.18 s on the UART
     RECEIVED_SIZE = 1024,  // 11 ms
-    HELD_US = 500000,      // without room on USB: nobody reads there
+    HELD_US = 500000,      // without room on USB: there is no reader
     LOADER_BAUD = 1200,    // asks for the boot loader, as on other boards with USB
 };
 
@@ -87,7 +87,7 @@ static bool uart_is_idle(void) {
 
 // USB
 
-// What nobody has read is not for the next who opens the port.
+// Unread bytes are not for the next program that opens the port.
 void tud_cdc_line_state_cb(uint8_t port, bool is_open, bool rts) {
     (void)port;
     (void)rts;
@@ -103,7 +103,7 @@ void tud_cdc_line_coding_cb(uint8_t port, const cdc_line_coding_t *coding) {
     }
 }
 
-// All has been taken, or nobody takes it.
+// All has been read, or there is no reader.
 static bool usb_is_idle(void) {
     const uint32_t room = tud_cdc_write_available();
     const uint32_t now_us = time_us_32();
@@ -128,7 +128,7 @@ void wire_init(void) {
     (void)uart_init(uart, BAUD);
     gpio_set_function(PIN_TXD, GPIO_FUNC_UART);
     gpio_set_function(PIN_RXD, GPIO_FUNC_UART);
-    gpio_pull_up(PIN_RXD);  // a line that nobody drives is idle
+    gpio_pull_up(PIN_RXD);  // an undriven line is idle
     irq_set_exclusive_handler(UART0_IRQ, on_uart);
     irq_set_enabled(UART0_IRQ, true);
     uart_set_irqs_enabled(uart, true, false);
