@@ -55,7 +55,7 @@ void board_led_set(bool on) {
     }
 }
 
-// The first byte from below that is not paint ends what was never used; there is one,
+// The first byte from below that is not paint ends the unused part; there is one,
 // because where main returns to is not paint. About 9 cycles for two bytes.
 uint16_t board_stack_free(void) {
     extern const uint8_t _end[];

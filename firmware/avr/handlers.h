@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the interrupt handlers of handlers.S share with the C around them: places of
+// Shared by the interrupt handlers of handlers.S and the C around them: places of
 // members for the assembler, and the variables themselves.
 #ifndef HANDLERS_H
 #define HANDLERS_H

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Why the board started, and how to start it again. What the watchdog does is set by
+// Why the board started, and how to restart it. The watchdog's action is set by
 // start.S: it resets, or after ATmegaBOOT interrupts.
 #include "../board.h"
 

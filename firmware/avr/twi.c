@@ -34,7 +34,7 @@ uint8_t bus_lines(uint8_t pulled) {
     return pins_bus_look() & BUS_BOTH;
 }
 
-// Takes 3 ms at most, 0.1 ms where nobody holds SCL.
+// Takes 3 ms at most, 0.1 ms where SCL is not held.
 enum bus_result board_bus_recover(void) {
     (void)twi_abort();
     const enum bus_result result = bus_recovery_run();

@@ -8,7 +8,7 @@
 // Bus clock 400 kHz, no transfer.
 void twi_init(void);
 
-// Takes the pins from the bus hardware and forgets what it was doing. Returns why a
+// Takes the pins from the bus hardware and drops its transfer. Returns why a
 // transfer can't have ended: BUS_STUCK where a line is low, else BUS_TIMEOUT.
 enum bus_result twi_abort(void);
 
