@@ -6,16 +6,16 @@
 #include <stdint.h>
 
 enum chip_fault_kind {
-    CHIP_FAULT_NACK,            // refuses a byte; at_byte says which
+    CHIP_FAULT_NACK,            // refuses a byte, whose number is at_byte
     CHIP_FAULT_STUCK_SDA,       // holds SDA low, until `clocks` SCL pulses or the end
     CHIP_FAULT_NO_DATA_READY,   // takes no samples, gives no interrupts
     CHIP_FAULT_WRONG_WHO_AM_I,  // answers `value`
-    // MPU-9250: nobody answers at 0x0C, on either bus. LSM9DS0: the magnetometer
+    // MPU-9250: no answer at 0x0C, on either bus. LSM9DS0: the magnetometer
     // measures nothing. LIS3MDL: it answers no more.
     CHIP_FAULT_NO_MAG,
     CHIP_FAULT_GYR_SELF_TEST,  // a tenth of the gyroscope's self-test response
     CHIP_FAULT_ACC_SELF_TEST,  // a tenth of the accelerometer's
-    CHIP_FAULT_FROZEN,         // data ready goes on, the numbers stand still
+    CHIP_FAULT_FROZEN,         // data ready continues, the readings don't change
     // These three happen once, when their time comes.
     CHIP_FAULT_REGISTER_FLIP,  // register `reg` becomes `value`
     CHIP_FAULT_BROWN_OUT,      // the chip alone loses its power for a moment
@@ -24,7 +24,7 @@ enum chip_fault_kind {
     CHIP_FAULT_MAG_HUNG,
 };
 
-// In force for a span of time, or, where transactions is not 0, for that many
+// Active for a span of time, or, where transactions is not 0, for that many
 // transactions of the host from number `first` on. The first one after power-up is
 // number 1; everything from START to STOP is one transaction, whichever chip is
 // addressed.

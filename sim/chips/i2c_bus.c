@@ -4,8 +4,8 @@
 
 #include <stddef.h>
 
-// While one holds SDA, the others hear zeros and not the host's byte: they take no part
-// until the next START.
+// While one holds SDA, the others read zeros instead of the host's byte: they take no
+// part until the next START.
 static bool deafen(struct i2c_bus *bus, uint64_t now_ns) {
     const bool is_held = i2c_bus_holds_sda(bus, now_ns);
     for (unsigned i = 0; is_held && i < bus->count; i++) {

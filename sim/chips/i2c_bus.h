@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Several chips on one I2C wire, each a slave of its own: all see the same bytes and
 // count the same transactions; any of them may hold SDA low, and none of the others
-// hears the host meanwhile. With one chip it is that chip's wire.
+// hears the host meanwhile. With one chip this is its wire.
 #ifndef SIM_CHIPS_I2C_BUS_H
 #define SIM_CHIPS_I2C_BUS_H
 

@@ -87,7 +87,7 @@ static bool is_sda_held(struct i2c_slave *slave) {
     return is_held;
 }
 
-// Whether it can't be in force any more.
+// Whether it can't become active any more.
 static bool is_past(const struct i2c_slave *slave, const struct i2c_slave_fault *each) {
     const struct chip_fault *fault = &each->fault;
     const bool is_of_a_time = fault->transactions == 0 && fault->for_ns > 0;
@@ -178,7 +178,7 @@ uint8_t i2c_slave_read(struct i2c_slave *slave, uint64_t now_ns, bool ack) {
         return 0x00;
     }
     if (slave->die == I2C_SLAVE_NOBODY || !slave->is_read) {
-        return 0xFF;  // nobody pulls SDA down
+        return 0xFF;  // SDA is not pulled down
     }
     const uint8_t value = slave->ops->read(slave->chip, slave->die);
     if (!ack) {

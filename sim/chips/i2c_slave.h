@@ -15,8 +15,8 @@
 
 enum { I2C_SLAVE_FAULTS_MAX = 32, I2C_SLAVE_NOBODY = 0 };
 
-// What a model does for its wire. `chip` is the model, `die` the number, from 1, that
-// find_die() gave.
+// The functions of a model for its wire. `chip` is the model, `die` the number, from 1,
+// that find_die() gave.
 struct i2c_slave_chip {
     void (*advance)(void *chip, uint64_t now_ns);  // sets now_ns of the slave
     // The die that answers to a 7-bit address, or I2C_SLAVE_NOBODY.
@@ -41,7 +41,7 @@ struct i2c_slave_fault {
     bool is_over;  // STUCK_SDA: has let go permanently; what happens once: has happened
 };
 
-// Private to i2c_slave.c, but for what the comments give to the model.
+// Private to i2c_slave.c, except where comments name the model.
 struct i2c_slave {
     const struct i2c_slave_chip *ops;
     void *chip;
@@ -57,14 +57,14 @@ struct i2c_slave {
     uint64_t byte;  // of this transaction; the address is 0
 };
 
-// Nobody is addressed any more: the chip was reset, by itself or by loss of power.
+// No die is addressed any more: the chip was reset, by itself or by loss of power.
 void i2c_slave_release(struct i2c_slave *slave);
 bool i2c_slave_is_addressed(const struct i2c_slave *slave);
 
 // Takes the place of one that is past. False where I2C_SLAVE_FAULTS_MAX are not.
 bool i2c_slave_add_fault(struct i2c_slave *slave, const struct chip_fault *fault);
 void i2c_slave_clear_faults(struct i2c_slave *slave);
-// A fault of that kind that is in force on a die (0: whichever it is of); null: none.
+// An active fault of that kind on a die (0: whichever it is of); null: none.
 const struct chip_fault *i2c_slave_find_fault(const struct i2c_slave *slave,
                                               enum chip_fault_kind kind, uint8_t die);
 // One of those that happen once, if its time has come and it has not happened: then it
@@ -73,7 +73,7 @@ const struct chip_fault *i2c_slave_next_fault(struct i2c_slave *slave,
                                               enum chip_fault_kind kind);
 
 // The wire, from the host's side. start() is also a repeated START; it and write() are
-// true for ACK. read() is told whether the host acknowledges the byte.
+// true for ACK. read() gets whether the host acknowledges the byte.
 bool i2c_slave_start(struct i2c_slave *slave, uint64_t now_ns, uint8_t address,
                      bool is_read);
 bool i2c_slave_write(struct i2c_slave *slave, uint64_t now_ns, uint8_t byte);

@@ -6,18 +6,18 @@
 // Documents: DS = LIS3MDL data sheet, DocID024204 rev 4, as others quote its tables; AN
 // = ST's application note AN4602 rev 1, likewise; AD = Adafruit's library
 // Adafruit_LIS3MDL; LX = Linux, drivers/iio/magnetometer/st_magn_core.c; AN3308
-// (LIS3DH) says more about status and data-ready of the same block. "Memory" beside a
+// (LIS3DH) has more about status and data-ready of the same block. "Memory" beside a
 // number: DS, not at hand.
 //
 // Time is an argument, in nanoseconds since power came, and never goes back. The model
 // asks for the field in the board's axes, right-handed, in uT, and converts it to its
 // own (axes in the configuration).
 //
-// What the documents leave open, and what the model does:
+// Open points of the documents, and the model's choice:
 // - A measurement is the mean over as long as it takes (1 / FAST_ODR's rate), and data
 //   are ready at its end. After power-down, or where settings change, the first one
 //   comes after AN's start-up time, at the earliest.
-// - The rate of FAST_ODR is that of OM, the mode of X and Y, whatever OMZ says.
+// - The rate of FAST_ODR is that of OM, the mode of X and Y, for each OMZ.
 // - From power-up until registers answer: 10 ms; as long as a REBOOT takes, in which
 //   there are no samples and registers stay. SOFT_RST takes soft_reset_ns.
 // - The flags of an axis go as its high byte is read, ZYXDA and ZYXOR as the last one
@@ -29,7 +29,7 @@
 //
 // Not modelled: noise and offsets, which the motion has (`imud sim --module`);
 // FAST_READ, interrupts by threshold (INT), SPI. Turning one on is reported
-// (lis3mdl_chip_complaint), as is what the data sheet forbids.
+// (lis3mdl_chip_complaint), like a use that the data sheet forbids.
 #ifndef SIM_CHIPS_LIS3MDL_H
 #define SIM_CHIPS_LIS3MDL_H
 

@@ -14,9 +14,9 @@
 // Time is an argument, in nanoseconds since power came, and never goes back. The model
 // asks for motion in its own axes, right-handed, in SI units.
 //
-// What the documents leave open, and what the model does:
+// Open points of the documents, and the model's choice:
 // - Its one clock has an error that may change with temperature; no document says by
-//   how much (rate_error_ppm, rate_ppm_per_c). INTERNAL_FREQ_FINE tells of the former.
+//   how much (rate_error_ppm, rate_ppm_per_c). INTERNAL_FREQ_FINE shows the former.
 // - Samples of both sensors fall on one grid: at one rate, at one time. The first one
 //   comes a whole period or more after a sensor is turned on.
 // - A low-pass is a moving average of the documented bandwidth, centred on the
@@ -27,14 +27,14 @@
 //   have been read.
 // - Beyond its full scale an output goes on to the ends of 16 bits.
 // - Self-test acts at once. Documents give limits at 250 and 2000 deg/s alone.
-// - A reset with INT1 high leaves an interface that knows I3C alone, until power goes
+// - A reset with INT1 high leaves an interface with I3C alone, until power goes
 //   (LX: st_lsm6dsx_reset_device(); DS table 19 says so of power-on). INT1 is high
 //   where the chip itself holds it high.
 //
 // Not modelled: noise and offsets, which the motion has (`imud sim --module`); FIFO,
 // timestamps, high-pass filters, circular bursts, events, sensor hub, embedded
 // functions, ultra-low power, DEN, the auxiliary interface, SPI, I3C. Turning one on is
-// reported (lsm6dsox_chip_complaint), as is what the data sheet forbids.
+// reported (lsm6dsox_chip_complaint), like a use that the data sheet forbids.
 #ifndef SIM_CHIPS_LSM6DSOX_H
 #define SIM_CHIPS_LSM6DSOX_H
 

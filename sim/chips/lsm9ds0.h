@@ -14,7 +14,7 @@
 // asks for motion in the axes of accelerometer and gyroscope (x, y along the package, z
 // out of it), right-handed, in SI units, and converts it to those of the magnetometer.
 //
-// What the documents leave open, and what the model does:
+// Open points of the documents, and the model's choice:
 // - Delay of the low-pass filters: the model has a moving average that ends now and has
 //   the bandwidth set, hence a delay of 0.22 / bandwidth. A Butterworth filter of
 //   second order has 0.225.

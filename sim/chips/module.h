@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // A sensor module as a virtual board has it: the chips on it, their wire, and the pin
-// that tells of new data.
+// that signals new data.
 //
 // mpu9250   an MPU-9250; its pin is INT.
 // lsm6dsox  Adafruit 4517: an LSM6DSOX and a LIS3MDL, at 0x6A and 0x1C; the pin is INT1

@@ -22,9 +22,9 @@
 // - In command mode nothing passes between the sides (UG, command T: off).
 // - 240 kbit/s sustained as a slave (DS, "Features"), in packets of 2.5 ms.
 //
-// What the documents leave open, and what the model does:
-// - From reset to ready: 1 s (boot_ns); the maker says to wait 1 to 2 s. Until then no
-//   pin is driven: RTS and PIO2 are what the board's pulls make of them.
+// Open points of the documents, and the model's choice:
+// - From reset to ready: 1 s (boot_ns); the maker recommends 1 to 2 s. Until then no
+//   pin is driven: RTS and PIO2 have the levels of the board's pulls.
 // - CMD comes 100 ms after the third character; users' programs find it there.
 //   command_ns makes it as late as the rule allows, a second.
 // - Answers begin 5 ms after the end of the line, 30 ms where flash was written.

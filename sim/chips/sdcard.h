@@ -12,7 +12,7 @@
 // card has acknowledged as written are in it; blocks that it has only accepted may not
 // be yet.
 //
-// The model does what the document promises; what the document leaves open is drawn at
+// The model follows the document; open points are drawn at
 // random from the seed:
 // - gaps before an answer, a data token and busy, within their limits (SD 7.5.4); the
 //   bits that may be anything in a data response, after CMD12, as busy ends, and the
@@ -20,7 +20,7 @@
 // - how long initialisation, reading and programming take: 20 to 300 ms; 60 to 400 us,
 //   in a run of blocks 2 to 30 us; programming 0.3 to 2 ms, a block of a run that only
 //   goes to the buffer 5 to 60 us, one in 200 of all 4 to 40 ms
-// - what a loss of power leaves: blocks are there whose busy is over, or whose run was
+// - after a loss of power: blocks are stored whose busy is over, or whose run was
 //   stopped and is no longer busy. The last 16 blocks of a run that is under way may
 //   have been programmed in any order, one of them torn. A torn block begins with new
 //   data, followed by the old data, erased flash or noise, or it is all old.
@@ -50,7 +50,7 @@ enum sdcard_chip_kind { SDCARD_CHIP_BY_SIZE, SDCARD_CHIP_SDSC, SDCARD_CHIP_SDHC 
 struct sdcard_chip_config {
     const char *image;           // a file of a multiple of 512 bytes
     enum sdcard_chip_kind kind;  // by size: SDSC up to 2 GB
-    bool is_version_1;           // an SDSC of version 1.x: knows no CMD8
+    bool is_version_1;           // an SDSC of version 1.x: without CMD8
     uint64_t seed;
     // Called when programming of an accepted block begins, with its number among all
     // blocks that came, from 1. May be null.
@@ -63,17 +63,17 @@ enum sdcard_chip_fault_kind {
     SDCARD_CHIP_SLOW,    // each busy that begins lasts `ms`
     SDCARD_CHIP_CRC,     // data response: CRC error
     SDCARD_CHIP_ERROR,   // data response: write error
-    SDCARD_CHIP_WORN,    // of `blocks` from `block` on: `value` says how
+    SDCARD_CHIP_WORN,    // of `blocks` from `block` on: `value` is the kind
     SDCARD_CHIP_DEAD,    // answers nothing, takes nothing
 };
 
 enum sdcard_chip_wear {
     SDCARD_CHIP_REFUSES,     // data response: write error
-    SDCARD_CHIP_KEEPS,       // says yes and keeps what was there
+    SDCARD_CHIP_KEEPS,       // accepts, but keeps the old contents
     SDCARD_CHIP_UNREADABLE,  // reading ends in an error token
 };
 
-// In force for a span of time, or, where count is not 0, for so many of the data blocks
+// Active for a span of time, or, where count is not 0, for so many of the data blocks
 // that come, from number `first` (the first one ever is 1); WORN for a span alone.
 // Where count is not 0, the span of PULLED and DEAD begins after_ns into the
 // programming of block `first`.
@@ -121,7 +121,7 @@ void sdcard_chip_power_cycle(struct sdcard_chip *chip, uint64_t now_ns);
 void sdcard_chip_cut(struct sdcard_chip *chip, uint64_t now_ns);
 void sdcard_chip_finish(struct sdcard_chip *chip, uint64_t now_ns);
 
-// What it has seen: its size in blocks, blocks accepted, CRCs found wrong, the longest
+// Its counters: its size in blocks, blocks accepted, CRCs found wrong, the longest
 // busy; whether it is busy; and the first thing the host did against the document
 // (null: nothing).
 uint64_t sdcard_chip_blocks(const struct sdcard_chip *chip);

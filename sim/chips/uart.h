@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a receiver at one rate makes of an 8N1 frame that was sent at another.
+// Receives an 8N1 frame that was sent at another rate.
 #ifndef SIM_CHIPS_UART_H
 #define SIM_CHIPS_UART_H
 

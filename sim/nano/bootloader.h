@@ -7,7 +7,7 @@
 #include "machine.h"
 
 // Flashes the Intel HEX file and has this and each later start begin with it. Null, or
-// what is wrong with the file.
+// the error of the file.
 const char *bootloader_load(struct machine *machine, const char *path);
 
 #endif

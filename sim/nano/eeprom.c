@@ -131,7 +131,7 @@ void eeprom_init(struct machine *machine) {
     }
 }
 
-// A write goes on through a reset (data sheet 8.4.1).
+// A write continues through a reset (data sheet 8.4.1).
 void eeprom_reset(struct machine *machine) {
     struct machine_eeprom *eeprom = &machine->eeprom;
     if (!is_own(machine) || !eeprom->is_busy) {

@@ -14,7 +14,7 @@ enum {
     AVR6 = 6,  // of three
 };
 
-// What the ELF's header says, before libsimavr believes it.
+// Checks the ELF's header before libsimavr uses it.
 const struct machine_kind *image_kind(const char *path) {
     uint8_t header[sizeof(Elf32_Ehdr)] = {0};
     FILE *file = fopen(path, "rb");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The virtual Nano and Mega: runs the image that a user flashes, with the modelled
-// sensor, and says at the end what it saw. Links libsimavr (GPL-3) and libelf: this
+// sensor, and prints a summary at the end. Links libsimavr (GPL-3) and libelf: this
 // program and nothing else of the project does, and it is not part of any package.
 #include <string.h>
 
@@ -32,7 +32,7 @@ static struct nano {
     const char *ready;  // "none": data-ready has no wire
 } nano;
 
-static struct run_board board_nano;  // what the processor decides is set at power-up
+static struct run_board board_nano;  // the processor's part is set at power-up
 
 // Callbacks of the machine
 

@@ -114,7 +114,7 @@ static double wall_s(void) {
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-// The checks. Each gets a bench with its program loaded and writes what it found.
+// The checks. Each gets a bench with its program loaded and writes its findings.
 
 // Data sheet 22.5.2: 9 bits of 16 + 2 TWBR cycles; up to 64 more until the handler has
 // read the timer.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Checks that the machine does what the data sheet says where libsimavr does not.
+// Checks that the machine follows the data sheet where libsimavr does not.
 #ifndef SIM_NANO_SELFTEST_H
 #define SIM_NANO_SELFTEST_H
 

@@ -238,7 +238,7 @@ static bool is_own(const struct machine *machine) {
            machine_fixes(machine, FIX_TWI_BUS_HELD);
 }
 
-// simavr's own interface on the same chip, to show what it does.
+// simavr's own interface on the same chip, for comparison.
 static void on_stock_message(avr_irq_t *irq, uint32_t value, void *param) {
     (void)irq;
     struct machine *machine = param;

@@ -89,7 +89,7 @@ void lis3mdl_chip_free(struct lis3mdl_chip *chip) {
     free(chip);
 }
 
-// DS table 16: the column of reset values; what it leaves out is 0.
+// DS table 16: the column of reset values; others are 0.
 static void reset(struct lis3mdl_chip *chip) {
     memset(chip->reg, 0, sizeof chip->reg);
     chip->reg[REG_WHO_AM_I] = chip->config.who_am_i;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the LIS3MDL's model share: its registers and its state. See
+// Shared by the files of the LIS3MDL's model: its registers and its state. See
 // ../lis3mdl.h for the documents that DS, AN, AD and LX stand for.
 #ifndef SIM_CHIPS_LIS3MDL_CHIP_H
 #define SIM_CHIPS_LIS3MDL_CHIP_H

@@ -14,7 +14,7 @@ static void show(struct lis3mdl_chip *chip, int axis) {
     lis3mdl_chip_put(chip, (uint8_t)(REG_OUT_X_L + 2 * axis), chip->latest[axis]);
 }
 
-// A new value finds the last one unread, and says so.
+// A new value replaces an unread one, and is flagged.
 static void flag(struct lis3mdl_chip *chip, uint8_t bits) {
     uint8_t *status = &chip->reg[REG_STATUS];
     const uint8_t lost = *status & bits;

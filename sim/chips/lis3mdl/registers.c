@@ -100,7 +100,7 @@ static const struct rule *find_rule(uint8_t reg) {
 void lis3mdl_chip_write_register(struct lis3mdl_chip *chip, uint8_t value) {
     const uint8_t at = chip->pointer;
     const struct rule *rule = find_rule(at);
-    if (chip->wait_end != NEVER) {  // nothing says what becomes of it
+    if (chip->wait_end != NEVER) {  // the documents don't define this
         lis3mdl_chip_complain(chip, "LIS3MDL: a register written during a reset");
     }
     if (rule == NULL) {

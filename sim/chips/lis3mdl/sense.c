@@ -86,7 +86,7 @@ static void measure_field(struct lis3mdl_chip *chip) {
         if (reg[REG_CTRL1] & ST) {
             own_ut += chip->config.self_test_ut[axis];
         }
-        // AN: the output is what was measured less the offset.
+        // AN: the output is the measured value less the offset.
         const int16_t offset = word_at(&reg[REG_OFFSET_X_L + 2 * axis]);
         chip->latest[axis] = chip_motion_to_counts(own_ut * scale - offset, INT16_MAX);
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the LSM6DSOX's model share: its registers and its state. See
+// Shared by the files of the LSM6DSOX's model: its registers and its state. See
 // ../lsm6dsox.h for the documents that DS, SO, AN, AD, LX and QC stand for.
 #ifndef SIM_CHIPS_LSM6DSOX_CHIP_H
 #define SIM_CHIPS_LSM6DSOX_CHIP_H
@@ -102,7 +102,7 @@ enum {
     TDA = 1 << 2,
 };
 
-// What is sampled: the first two are those of enum chip_quantity.
+// The sampled quantities: the first two are those of enum chip_quantity.
 enum source { GYR = CHIP_GYR, ACC = CHIP_ACC, TEMP, SOURCES };
 
 struct sensor {
@@ -152,7 +152,7 @@ void lsm6dsox_chip_set_rates(struct lsm6dsox_chip *chip);
 // The time of the next sample after a change of the clock's speed or a reboot.
 void lsm6dsox_chip_set_next_tick(struct lsm6dsox_chip *chip, enum source source);
 double lsm6dsox_chip_period_ns(const struct lsm6dsox_chip *chip, enum source source);
-// The clock goes on from here at its speed of now.
+// The clock continues from here at its current speed.
 void lsm6dsox_chip_anchor(struct lsm6dsox_chip *chip);
 
 // sense.c

@@ -100,7 +100,7 @@ void lsm9ds0_chip_free(struct lsm9ds0_chip *chip) {
     free(chip);
 }
 
-// DS register map: the column of reset values; what it leaves out is 0.
+// DS register map: the column of reset values; others are 0.
 void lsm9ds0_chip_power_cycle(struct lsm9ds0_chip *chip, uint64_t now_ns) {
     chip->wire.now_ns = now_ns;
     chip->wire.answers_ns = now_ns + chip->config.startup_ns;

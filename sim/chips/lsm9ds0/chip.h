@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the LSM9DS0's model share: its registers and its state. See
+// Shared by the files of the LSM9DS0's model: its registers and its state. See
 // ../lsm9ds0.h for the documents that DS and AN stand for.
 #ifndef SIM_CHIPS_LSM9DS0_CHIP_H
 #define SIM_CHIPS_LSM9DS0_CHIP_H

@@ -44,7 +44,7 @@ static void show(struct lsm9ds0_chip *chip, enum chip_quantity quantity, int axi
     at[is_big_endian ? 0 : 1] = (uint8_t)(value >> 8);
 }
 
-// AN3308: a new value finds the last one unread, and says so.
+// AN3308: a new value replaces an unread one, and is flagged.
 static void flag(uint8_t *status, uint8_t bits) {
     const uint8_t lost = *status & bits;
     *status |= (uint8_t)(bits | (lost << OVERRUN_SHIFT));

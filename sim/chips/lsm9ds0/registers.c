@@ -14,7 +14,7 @@ struct rule {
 
 static const struct rule rules_g[] = {
     {REG_CTRL1_G, 0x00, 0x00},       {REG_CTRL2_G, 0xC0, 0x00},
-    {REG_CTRL3_G, 0x00, 0xC7},  // INT_G, and what a FIFO would say
+    {REG_CTRL3_G, 0x00, 0xC7},  // INT_G, and a FIFO's flags
     {REG_CTRL4_G, 0x08, 0x01},  // SPI
     {REG_CTRL5_G, 0x20, 0x51},  // FIFO_EN, HPen, Out_Sel but LPF2
     {REG_REFERENCE_G, 0x00, 0x00},   {REG_FIFO_CTRL_G, 0x00, 0xE0},
@@ -201,7 +201,7 @@ void lsm9ds0_chip_write_register(struct lsm9ds0_chip *chip, struct die *die,
                                  uint8_t value) {
     const uint8_t at = die->pointer;
     const struct rule *rule = find_rule(chip, die);
-    if (die->boot_end != NEVER) {  // nothing says what becomes of it
+    if (die->boot_end != NEVER) {  // the documents don't define this
         lsm9ds0_chip_complain(chip, "LSM9DS0: a register written during a reboot");
     }
     if (rule == NULL) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the MPU-9250's model share: its registers and its state. See
+// Shared by the files of the MPU-9250's model: its registers and its state. See
 // ../mpu9250.h for the documents that RM, PS, ST and AK stand for.
 #ifndef SIM_CHIPS_MPU9250_CHIP_H
 #define SIM_CHIPS_MPU9250_CHIP_H
@@ -156,7 +156,7 @@ struct mpu9250_chip {
 
 // Keeps the first thing that the host did against the documents.
 void mpu9250_chip_complain(struct mpu9250_chip *chip, const char *what);
-// False for an MPU-6500, and while CHIP_FAULT_NO_MAG is in force.
+// False for an MPU-6500, and while CHIP_FAULT_NO_MAG is active.
 bool mpu9250_chip_has_ak8963(const struct mpu9250_chip *chip);
 // H_RESET and power-up. The AK8963 is another die and keeps its state.
 void mpu9250_chip_reset(struct mpu9250_chip *chip);
@@ -166,7 +166,7 @@ void mpu9250_chip_reset(struct mpu9250_chip *chip);
 void mpu9250_chip_set_next_tick(struct mpu9250_chip *chip);
 void mpu9250_chip_restart_clock(struct mpu9250_chip *chip);
 void mpu9250_chip_take_sample(struct mpu9250_chip *chip);
-// Copies `inner` to what the host sees, unless a transaction is under way.
+// Copies `inner` to the host's registers, unless a transaction is under way.
 void mpu9250_chip_show(struct mpu9250_chip *chip);
 void mpu9250_chip_signal_data_ready(struct mpu9250_chip *chip);
 
@@ -175,13 +175,13 @@ uint8_t mpu9250_chip_read_register(struct mpu9250_chip *chip);
 void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value);
 
 // master.c
-// A round of all slaves that are enabled starts, goes on by a byte, or ends.
+// A round of all slaves that are enabled starts, advances by a byte, or ends.
 void mpu9250_chip_begin_aux(struct mpu9250_chip *chip);
 void mpu9250_chip_move_aux_byte(struct mpu9250_chip *chip);
 void mpu9250_chip_finish_aux(struct mpu9250_chip *chip);
 // The master is reset: a transaction under way is cut off.
 void mpu9250_chip_cut_aux(struct mpu9250_chip *chip);
-// The host's bus goes on to the AK8963.
+// The host's bus is passed on to the AK8963.
 bool mpu9250_chip_is_bypass(const struct mpu9250_chip *chip);
 
 // ak8963.c

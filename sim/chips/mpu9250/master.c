@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The chip's own I2C master: its slaves 0 to 4, which are the AK8963 or nobody.
+// The chip's own I2C master: its slaves 0 to 4, which are the AK8963 or absent.
 #include "chip.h"
 
 // RM 4.12: 8 MHz over 23..31 for 0..8, over 16..22 for 9..15.

@@ -74,7 +74,7 @@ static struct lowpass_setting accel_lowpass(const struct mpu9250_chip *chip) {
                                     : dlpf[config & DLPF];
 }
 
-// What the registers of a die would hold now. A moving average over w has its -3 dB
+// The current values for the registers of a die. A moving average over w has its -3 dB
 // point at 0.443 / w; it is centred on the delay, later where it would see the future.
 // Motion recorded behind such a low-pass is only brought to the sample rate.
 static void low_passed(struct mpu9250_chip *chip, enum chip_quantity quantity,
@@ -192,7 +192,8 @@ void mpu9250_chip_take_sample(struct mpu9250_chip *chip) {
             chip_motion_to_counts((chip->config.temperature_c - 21.0) * 333.87, 32767));
     }
     mpu9250_chip_show(chip);
-    // A round of the I2C master that is still under way goes on; this sample has none.
+    // A round of the I2C master that is still under way continues; this sample has
+    // none.
     const bool runs_aux = (chip->reg[REG_USER_CTRL] & USER_I2C_MST_EN) != 0;
     if (runs_aux && chip->aux.byte_ns == NEVER) {
         chip->waits_for_aux =

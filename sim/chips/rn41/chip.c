@@ -44,7 +44,7 @@ static uint64_t next_edge(const struct rn41_chip *chip) {
     return next;
 }
 
-// What is in its memory is gone.
+// Its memory is lost.
 static void stop(struct rn41_chip *chip) {
     struct rn41_chip_counters *counters = &chip->counters;
     chip->is_ready = chip->is_linked = chip->is_command = chip->is_sending = false;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the RN-41's model share. See ../rn41.h for the documents that UG,
+// Shared by the files of the RN-41's model. See ../rn41.h for the documents that UG,
 // UM, DS and BC4 stand for.
 #ifndef SIM_CHIPS_RN41_CHIP_H
 #define SIM_CHIPS_RN41_CHIP_H
@@ -62,7 +62,7 @@ struct rn41_chip {
     uint64_t link_from;
     uint64_t air_at;
 
-    // Configuration characters held back, and the last byte heard.
+    // Configuration characters held back, and the last byte received.
     unsigned held;
     uint64_t held_at, heard_at, escape_at;
     unsigned host_held;
@@ -94,7 +94,7 @@ struct rn41_chip {
 // chip.c
 // Keeps the first thing that was done against the documents.
 void rn41_chip_complain(struct rn41_chip *chip, const char *what);
-// Whether a fault of that kind is in force.
+// Whether a fault of that kind is active.
 bool rn41_chip_suffers(const struct rn41_chip *chip, enum rn41_chip_fault_kind kind);
 // Restarts, boot_ns from now; its memory is lost.
 void rn41_chip_restart(struct rn41_chip *chip);

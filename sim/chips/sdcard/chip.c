@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The model's life, its time and its power, and what it has seen.
+// The model's life, time, power and counters.
 #include "chip.h"
 
 #include <fcntl.h>
@@ -85,7 +85,7 @@ void sdcard_chip_finish(struct sdcard_chip *chip, uint64_t now_ns) {
     sdcard_chip_program_pending(chip);
 }
 
-// Null, or what is wrong.
+// Null, or the error.
 static const char *open_image(struct sdcard_chip *chip) {
     struct stat status;
     if (fstat(chip->file, &status) != 0 || !S_ISREG(status.st_mode)) {

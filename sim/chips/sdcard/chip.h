@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of the SD card's model share. See ../sdcard.h for the document that SD
+// Shared by the files of the SD card's model. See ../sdcard.h for the document that SD
 // stands for.
 #ifndef SIM_CHIPS_SDCARD_CHIP_H
 #define SIM_CHIPS_SDCARD_CHIP_H
@@ -125,7 +125,7 @@ uint8_t sdcard_chip_crc7(const uint8_t *bytes, unsigned count);
 uint16_t sdcard_chip_crc16(const uint8_t *bytes, unsigned count);
 
 // faults.c
-// A fault of that kind that is in force; null: none.
+// An active fault of that kind; null: none.
 const struct sdcard_chip_fault *
 sdcard_chip_find_fault(const struct sdcard_chip *chip,
                        enum sdcard_chip_fault_kind kind);

@@ -264,7 +264,7 @@ static const struct entry *look_up(uint8_t index, bool is_application) {
             plain = &entries[i];
         }
     }
-    return plain;  // SD 4.3.9.1: what is no application command is the plain one
+    return plain;  // SD 4.3.9.1: others are the plain command
 }
 
 static uint8_t command_index(const struct sdcard_chip *chip) {

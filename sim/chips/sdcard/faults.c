@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Which faults are in force.
+// The active faults.
 #include "chip.h"
 
 #include <stddef.h>
