@@ -176,7 +176,7 @@ DONE_DEG = 1.0  # good enough to stop
 
 @dataclass(slots=True)
 class Waving:
-    """Collects a wave until it is good; no I/O. `acc`, `gyr`: the calibrations in force
+    """Collects a wave until it is good; no I/O. `acc`, `gyr`: the active calibrations
     for readings in nominal units. `mount`: how the module is mounted, which they
     include.
     """

@@ -44,7 +44,7 @@ Phase = Literal["stand", "wobble", "done", "refused"]
 
 
 class TipStatus(msgspec.Struct, frozen=True):
-    """What a screen shows. None: not known yet."""
+    """The status for a screen. None: not known yet."""
 
     phase: Phase
     instruction: str = msgspec.field(name="says")  # what to do now
