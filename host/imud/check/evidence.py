@@ -212,8 +212,8 @@ class Evidence:
         )
 
     def verdicts(self) -> tuple[SensorVerdict, ...]:
-        """The self-test's verdicts by its responses, which the daemon sends to recorders
-        only; without these the daemon's verdicts.
+        """The verdicts of the self-test by its responses, which the daemon sends to
+        recorders only; without these the verdicts of the daemon.
         """
         if self.responses is None and self.outcomes:
             return tuple(

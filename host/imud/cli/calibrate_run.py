@@ -162,7 +162,7 @@ def _followed(
                 return _finished(procedure, event, subject, args)
             if isinstance(event, MountFound):
                 return result_of_mount(event.mount, subject.params)
-    raise CalibrationRefused("the samples ended too early; begin again")
+    raise CalibrationRefused("the samples ended too early; start again")
 
 
 def _finished(
@@ -204,7 +204,7 @@ def _verified(
             return report
         if sample is None:
             screen.show_text(check.instruction)
-    raise CalibrationRefused("the samples ended too early; begin again")
+    raise CalibrationRefused("the samples ended too early; start again")
 
 
 def _waved(
@@ -222,7 +222,7 @@ def _waved(
             screen.show_text(waving.instruction)
         if found is not None:
             return _of_wave(found, waving, subject)
-    raise CalibrationRefused("the samples ended too early; begin again")
+    raise CalibrationRefused("the samples ended too early; start again")
 
 
 def _waving(subject: CalibratedProbe) -> Waving:

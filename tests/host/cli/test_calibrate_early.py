@@ -15,7 +15,7 @@ from raw_probe import Stream, calibrating
 from terminal import Terminal
 
 FIVE = len(ASKED)
-MISSING = "tilt would be +-0.54 degrees; lay it on its left side"
+MISSING = "the tilt error would be +-0.54 degrees; lay it on its left side"
 
 
 @pytest.fixture

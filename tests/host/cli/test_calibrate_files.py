@@ -91,7 +91,7 @@ def test_few_poses_are_refused_with_the_cure(
     probe = FakeProbe(**RATES)
     for ups, words in (
         (upright[:3], "3 poses are too few; lay the probe still"),
-        ([pose.up for pose in TWELVE[:1]] * 6, "tilt would be +-"),
+        ([pose.up for pose in TWELVE[:1]] * 6, "the tilt error would be +-"),
         (upright[:5], "it was never upside down: turn it over"),
     ):
         path = capture(tmp_path / "few.bin", probe, lying(ups))
