@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// How the probe should lie next: a pale copy of it in that attitude, the nearest one that
-// will do, and an arrow for the turn that leads there.
+// The next pose: a pale copy of the probe in the nearest fitting attitude, and an arrow for
+// the turn that leads there.
 
 import * as three from "../vendor/three/three.module.min.js";
 import { fromRotationVector, multiply, rotate } from "../rotation.js";
@@ -65,8 +65,8 @@ export class Ghost {
   }
 
   /**
-   * Shows where it should go from an attitude; returns whether that has changed.
-   * @param {Quat | null} q null: there is nothing to show
+   * Shows the next pose from an attitude; returns whether that has changed.
+   * @param {Quat | null} q null: nothing to show
    * @param {Vector | null} wanted the direction of the body that should be up
    * @param {boolean} isHalfTurn it should be turned by half a turn where it lies
    */

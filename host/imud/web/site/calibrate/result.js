@@ -16,7 +16,7 @@ const SENSORS = { acc: "accelerometer", gyr: "gyroscope", mag: "magnetometer" };
 const VERDICTS = { good: "good", bad: "bad", "not calibrated": "warn", "not seen": "warn" };
 
 /**
- * What a fit leaves over, in the unit that people know.
+ * The residual of a fit, in a common unit.
  * @param {string} name
  * @param {number | null} residual m/s2, rad, uT
  */
@@ -79,7 +79,7 @@ export class ResultCard {
       say(this._step, lastStep(probe, isFresh));
     }
     const isGood = findings.every((/** @type {any} */ one) => one.verdict === "good");
-    const words = outcome === null ? (isGood ? "it holds" : "calibrate again") : "";
+    const words = outcome === null ? (isGood ? "still good" : "calibrate again") : "";
     const state = isApplied ? "active" : isBefore ? "not active yet" : "other params are active";
     say(this._verdict, words || state);
     mark(this._verdict, "class", `chip ${(words ? isGood : isApplied) ? "good" : "warn"}`);
@@ -92,7 +92,7 @@ export class ResultCard {
 }
 
 /**
- * What is left to do once a calibration is active, and then how good the poses are.
+ * The last step after a calibration is active, then the errors of the poses.
  * @param {Probe} probe
  * @param {boolean} isFresh
  */
@@ -101,7 +101,7 @@ function lastStep({ pose, status }, isFresh) {
     return "Last step: start the probe, and lay it still for 3 s.";
   }
   if (pose.flags.includes("uncalibrated")) {
-    return "Last step: lay it on the table and let go for 3 s. It measures the zero of its gyroscope, which has to be done after each start.";
+    return "Last step: lay it on the table and let go for 3 s. This measures the gyroscope's bias and is needed after each start.";
   }
   const { tilt_sigma_deg: tilt, heading_sigma_deg: turn } = pose;
   const { tilt: noTilt, heading: noTurn } = status?.quality?.withheld ?? {};
@@ -147,7 +147,7 @@ function rows(outcome) {
     found.push(row("housing", `the sensor is turned by ${fixed(outcome.housing_deg, 2)}°`));
   }
   if (outcome.note !== null) {
-    found.push(row("the room", outcome.note));
+    found.push(row("surroundings", outcome.note));
   }
   return found;
 }

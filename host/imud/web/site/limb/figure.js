@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// A limb in 3D: a rod for each segment, a ball for each joint. x is ahead, z up. What is
-// missing is not drawn: the word says so at the joint where it would begin.
+// A limb in 3D: a rod for each segment, a ball for each joint. x is ahead, z up. Missing
+// segments are not drawn: a label says so at the joint where they would begin.
 
 import * as three from "../vendor/three/three.module.min.js";
 import { arrow, matt, segments, word } from "../scene/parts.js";

@@ -88,7 +88,7 @@ export class LimbRecorder {
   _gait({ t_ns, segments }) {
     for (const { name, contact } of segments) {
       if (!contact) {
-        this._isDown.delete(name); // what it did meanwhile is not known
+        this._isDown.delete(name); // its state in between is unknown
         continue;
       }
       const before = this._isDown.get(name);

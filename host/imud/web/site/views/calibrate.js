@@ -15,7 +15,7 @@ import { coloursOf, Scene } from "../scene/scene.js";
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {import("../link.js").Line} Line */
 
-const LEGEND = "pale: how it should lie next; arrow: the turn; green: was up; blue: should be up";
+const LEGEND = "pale: the next pose; arrow: the turn to it; green: covered directions; blue: the next direction";
 
 /** A view of the selected probe. */
 export class CalibrateView {

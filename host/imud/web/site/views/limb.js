@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
 // A limb that several probes sit on, as `imud body` publishes it: the figure in 3D and in
-// the sagittal plane, angles and foot over time, and what the alignment asks for.
+// the sagittal plane, angles and foot over time, and the instructions of the alignment.
 
 import { make, mark, say } from "../dom.js";
 import { span } from "../format.js";
