@@ -221,7 +221,7 @@ def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
         ]
 
 
-def test_one_that_was_told_its_end_may_begin_anew_at_once(
+def test_a_calibration_may_start_again_at_once_after_its_end(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guide, "HEARD_S", 0.1)

@@ -129,7 +129,7 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
 
 @pytest.mark.long
 @pytest.mark.parametrize("goes_on", choose(everyday=[True], long=[True, False]))
-def test_who_judges_too_early_is_asked_for_poses_once(
+def test_an_early_end_asks_for_the_missing_poses_once(
     shown: Seen, desk: Desk, goes_on: bool
 ) -> None:
     page, five = shown.page, calibrating(len(ASKED))

@@ -50,9 +50,7 @@ def test_picture_and_numbers_are_the_daemons_through_every_turn(
         assert shown.text('[data-sigma="pitch"]') == "±0.41°"
 
 
-def test_buttons_command_the_probe_and_say_what_came_of_it(
-    shown: Seen, desk: Desk
-) -> None:
+def test_buttons_command_the_probe_and_show_the_result(shown: Seen, desk: Desk) -> None:
     for name, command in (("Start", "start"), ("Stop", "stop"), ("Set origin", "tare")):
         shown.page.get_by_role("button", name=name, exact=True).click()
         shown.page.get_by_text(f"{name}: done").wait_for()

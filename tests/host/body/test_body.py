@@ -107,7 +107,7 @@ SHANK_PROBE = 'probe = "shank"'
         (SHANK_PROBE, 'probe = "a"\nprobe = "b"', "is not TOML"),
     ],
 )
-def test_a_chain_that_cannot_be_is_told_on_one_line(old: str, new: str, words: str):
+def test_an_impossible_chain_is_reported_on_one_line(old: str, new: str, words: str):
     with pytest.raises(ConfigError, match=words) as caught:
         chain.read(leg.CHAIN.replace(old, new), "leg")
     assert "\n" not in str(caught.value)

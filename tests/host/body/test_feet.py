@@ -133,7 +133,7 @@ def test_few_missing_samples_cost_certainty_but_not_the_place():
     assert np.linalg.norm(found.place[-1] - whole.place[-1]) < 0.3
 
 
-def test_no_rest_for_long_is_said_with_how_far_the_place_is_known():
+def test_a_long_time_without_rest_is_reported_with_the_position_error():
     walk = made_gait.made(RUN, STRIDES, 34)
     track = track_of(walk)
     # A foot that shakes while it stands, as on a machine: no rest in the air.
@@ -208,7 +208,7 @@ def test_live_and_recorded_feet_agree():
     assert state.is_down
 
 
-def test_a_live_foot_says_that_it_has_not_rested_and_begins_anew_when_it_was_lost():
+def test_a_live_foot_reports_a_missing_rest_and_restarts_after_a_loss():
     foot, pose = Foot(), (np.array([1.0, 0.0, 0.0, 0.0]), 0.01, float("nan"))
     times_s = np.arange(2000) / 200.0
     rows = np.zeros((2000, 7))

@@ -217,7 +217,7 @@ def test_a_probe_that_comes_after_the_delay_is_late():
     assert last.segments[1].q is not None
 
 
-def test_a_probe_whose_clock_is_not_known_is_told():
+def test_an_unknown_clock_is_reported():
     found = body()
     for index in range(3):
         found.histories["thigh"].add_pose(UTC_S + index / 100, (1, 0, 0, 0), SIGMAS)

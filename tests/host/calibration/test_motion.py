@@ -134,7 +134,7 @@ def worked(learner: Learner, found: tuple[Sample, ...], records: bytes) -> Learn
     return learned
 
 
-def test_what_is_learned_goes_on_and_is_not_taken_for_knowledge() -> None:
+def test_learning_continues_and_its_result_is_no_prior() -> None:
     learner = Learner(SCALE)
     first = worked(learner, used(), b"").proposal
     assert first is not None
@@ -182,7 +182,7 @@ def test_a_rest_is_remembered_and_without_one_nothing_is_learned() -> None:
     assert learner.begin(b"").rest == rest
 
 
-def test_a_loss_and_a_clipped_reading_begin_anew() -> None:
+def test_a_loss_and_a_clipped_reading_start_again() -> None:
     first, second, *_ = used()
     for late in (
         with_fields(second, t_us=second.t_us + 200_000),

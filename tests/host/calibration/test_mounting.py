@@ -152,7 +152,7 @@ def test_a_die_that_is_off_by_half_a_g_hides_no_mounting(mount: ModuleMount) -> 
     ],
     ids=["twice", "on its back", "flat again", "not over", "on the wrong side"],
 )
-def test_a_pose_that_was_not_asked_for_begins_anew(
+def test_a_pose_that_was_not_requested_starts_again(
     ups: list[tuple[int, int, int]],
 ) -> None:
     finder = MountFinder()
@@ -204,7 +204,7 @@ def ended_early(count: int) -> tuple[CalibrationSession, list[Sample]]:
 
 
 @pytest.mark.parametrize("count", [2, 4])
-def test_a_mounting_that_is_ended_early_is_asked_for_poses_once(count: int) -> None:
+def test_an_early_end_of_a_mounting_asks_for_poses_once(count: int) -> None:
     session, _ = ended_early(count)
     asked = session.state()
     assert asked["phase"] == "running"
@@ -214,7 +214,7 @@ def test_a_mounting_that_is_ended_early_is_asked_for_poses_once(count: int) -> N
     assert "takes five poses" in str(session.state()["why"])
 
 
-def test_who_goes_on_finds_the_mounting() -> None:
+def test_continuing_after_an_early_end_finds_the_mounting() -> None:
     session, left = ended_early(4)
     for sample in left:
         session.feed(sample)

@@ -92,7 +92,7 @@ def test_scores_fall_and_the_words_follow() -> None:
     assert procedure.feed(Sample(10**9, (0, 0, 0), (0, 0, 0))) == []
 
 
-def test_a_probe_that_moves_too_early_is_told_so() -> None:
+def test_moving_too_early_is_reported() -> None:
     short = samples(module(), 2, UPS, Manners(stop_s=1.2))
     procedure = Procedure(SCALE)
     assert set(kinds(fed(procedure, short))) == {"moved"}

@@ -120,7 +120,7 @@ WEAK = {
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", WEAK)
-def test_a_weak_wobble_is_told_and_refused_with_its_cure(kind: str) -> None:
+def test_a_weak_wobble_is_reported_and_refused_with_a_remedy(kind: str) -> None:
     wobble, words = WEAK[kind]
     guide = guided(wobbled(wobble, 27.0))
     assert guide.trouble is not None
@@ -168,7 +168,7 @@ def test_a_wobble_ended_early_is_too_short() -> None:
 
 
 @pytest.mark.parametrize("kind", ["clipped", "gap"])
-def test_what_was_clipped_or_lost_begins_it_anew(kind: str) -> None:
+def test_clipped_or_lost_samples_restart_it(kind: str) -> None:
     samples = list(wobbled(Wobble(), 26.0)[:1500])
     if kind == "gap":
         del samples[1400:1430]

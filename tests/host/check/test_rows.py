@@ -161,7 +161,7 @@ def test_a_reading_at_the_end_of_the_range_is_counted() -> None:
         (("battery_low", "battery", 3100), "supply", "V"),
     ],
 )
-def test_an_event_is_the_line_of_its_cause(
+def test_an_event_appears_in_the_row_of_its_cause(
     event: tuple[str, str, int], name: str, words: str
 ) -> None:
     row = rows(evidence(events=(event,)))[name]
@@ -247,7 +247,7 @@ def test_what_was_counted_before_the_check_is_not_held_against_the_wire() -> Non
     assert found.rise("messages_dropped") == 0
 
 
-def test_a_restart_for_want_of_power_is_a_fault() -> None:
+def test_a_brown_out_is_a_fault() -> None:
     found = evidence()
     found.add_message(HELLO | {"boot_count": 8, "reset_cause": ["brown_out"]})
     row = rows(found)["start"]

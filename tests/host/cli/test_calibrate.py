@@ -152,7 +152,7 @@ def test_a_probe_that_falls_silent_is_told(
     assert "is it unplugged? Its calibration is unchanged" in line
 
 
-def test_params_that_somebody_else_changes_end_it(desk: Desk) -> None:
+def test_params_changed_by_another_client_end_it(desk: Desk) -> None:
     stream = Stream(desk.chain, calibrating())
 
     def change() -> None:

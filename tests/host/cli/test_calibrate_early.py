@@ -37,7 +37,7 @@ def terminal(stream: Stream) -> Iterator[Terminal]:
     made.close()
 
 
-def test_who_goes_on_is_calibrated(
+def test_continuing_after_an_early_end_calibrates(
     bench: Chain, stream: Stream, terminal: Terminal
 ) -> None:
     terminal.until(lambda text: "Good (5 of 12)" in text)

@@ -65,7 +65,7 @@ def test_a_wave_needs_an_accelerometer_that_is_calibrated(
         ("positions", "mg residual at the stops"),
     ],
 )
-def test_a_papers_method_says_what_it_leaves(
+def test_a_papers_method_reports_its_residual(
     taken: Path, capsys: pytest.CaptureFixture[str], method: str, words: str
 ) -> None:
     code, out, _ = run(capsys, taken, "--method", method, *DRY)

@@ -113,7 +113,7 @@ def test_a_name_without_a_daemon_asks_for_the_port(
         (("/dev/ttyUSB3",), "may be another program's; if it is the board's: imud "),
     ],
 )
-def test_without_a_name_there_must_be_one_port_that_is_ours(
+def test_without_a_name_exactly_one_known_port_is_needed(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

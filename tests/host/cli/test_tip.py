@@ -175,7 +175,7 @@ def test_a_circle_gives_the_axis_and_with_a_distance_the_tip(
         assert "needs the attitude at each position" in errors
 
 
-def test_a_capture_holds_a_wobble_or_says_what_it_lacks(
+def test_a_capture_without_a_good_wobble_is_refused_with_the_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     probe = FakeProbe(**RATES)

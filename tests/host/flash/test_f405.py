@@ -58,7 +58,7 @@ def test_a_cut_leaves_no_vectors_and_the_next_try_works(
     assert again.flash.endswith(SETTINGS)
 
 
-def test_another_chip_is_left_alone(opened: list[Stm32Rom]) -> None:
+def test_another_chip_is_not_written(opened: list[Stm32Rom]) -> None:
     opened.append(rom := Stm32Rom(OLD, chip=0x411))
     with pytest.raises(WrongChip, match="chip 0x411, not an STM32F405"):
         f405.flash(rom.port, NEW, quiet, sync_s=5.0)

@@ -129,7 +129,7 @@ def test_two_boards_are_not_mixed_up(loader: Loader, tmp_path: Path) -> None:
         pico.flash(None, FILE, quiet)
 
 
-def test_a_board_that_does_not_restart_is_told(
+def test_a_board_that_does_not_restart_is_reported(
     loader: Loader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pico, "GONE_S", 0.2)

@@ -35,7 +35,7 @@ def after(days: int, values: dict[str, Any] | None, degc: float | None) -> Condi
 
 
 @pytest.mark.parametrize("values", [None, {}, GOOD | {"sigma_uT": None}])
-def test_a_sensor_is_uncalibrated_until_somebody_knows_how_good_it_is(values):
+def test_a_sensor_without_stated_errors_is_uncalibrated(values):
     assert after(0, values, 25.0) == Condition.UNCALIBRATED
 
 

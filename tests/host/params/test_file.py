@@ -87,7 +87,7 @@ def edited(old: str, new: str) -> str:
     return text.replace(old, new)
 
 
-def test_who_edits_a_file_takes_out_its_digest() -> None:
+def test_an_edited_file_must_drop_its_digest() -> None:
     text = file.written(GOOD, ID).replace("12.5", "12.75")
     with pytest.raises(ParamsError, match=r"does not match: .* delete the line"):
         file.parse(text)

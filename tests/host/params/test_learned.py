@@ -23,13 +23,13 @@ def goes(old: Params | None, new: Params) -> bool:
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_a_filter_goes_on_with_what_was_learned(name: str) -> None:
+def test_a_filter_continues_with_a_learned_calibration(name: str) -> None:
     assert goes(learned(name, 1), learned(name, 2))
     assert goes(learned(name, 1, method="positions"), learned(name, 2))
     assert goes(Params(), learned(name))
 
 
-def test_a_filter_goes_on_with_three_sensors_that_were_learned() -> None:
+def test_a_filter_continues_with_three_learned_sensors() -> None:
     new = Params()
     for name in SENSORS:
         new = learned(name, of=new)
@@ -37,13 +37,13 @@ def test_a_filter_goes_on_with_three_sensors_that_were_learned() -> None:
 
 
 @pytest.mark.parametrize("method", ["positions", "wave", "measured", "unknown"])
-def test_a_filter_begins_anew_with_another_procedure(method: str) -> None:
+def test_a_filter_restarts_after_another_procedure(method: str) -> None:
     new = learned("mag", 2, method=method)
     assert not goes(learned("mag", 1), new)
     assert not goes(Params(), new)
 
 
-def test_one_sensor_that_was_not_learned_is_enough_to_begin_anew() -> None:
+def test_one_sensor_that_was_not_learned_restarts_the_filter() -> None:
     both = learned("acc", 2, of=learned("mag", 2, method="wave"))
     assert not goes(Params(), both)
     assert not goes(learned("acc", of=learned("mag")), both)
@@ -51,7 +51,7 @@ def test_one_sensor_that_was_not_learned_is_enough_to_begin_anew() -> None:
     assert goes(learned("mag", 2, method="wave"), both)
 
 
-def test_what_calibrates_no_sensor_is_no_reason_to_begin_anew() -> None:
+def test_params_without_a_calibration_do_not_restart_the_filter() -> None:
     tip = {"offset_m": [0.1, 0.0, 0.0], "axis": [1.0, 0.0, 0.0]}
     assert goes(GOOD, GOOD)
     assert goes(GOOD, GOOD.replaced("options", {"button_does": "stream"}))
@@ -59,19 +59,19 @@ def test_what_calibrates_no_sensor_is_no_reason_to_begin_anew() -> None:
     assert goes(GOOD, GOOD.without("options"))
 
 
-def test_a_filter_begins_anew_where_nobody_knows_what_was_before() -> None:
+def test_a_filter_restarts_without_known_earlier_params() -> None:
     assert not goes(None, learned("acc"))
     assert not goes(None, Params())
 
 
 @pytest.mark.parametrize("damaged", [OLD[:-1], b"\x01", OLD + OLD[:2], OLD + OLD])
-def test_a_filter_begins_anew_where_records_are_damaged(damaged: bytes) -> None:
+def test_a_filter_restarts_with_damaged_records(damaged: bytes) -> None:
     assert not filter_can_continue(damaged, OLD)
     assert not filter_can_continue(OLD, damaged)
     assert not filter_can_continue(damaged, damaged)
 
 
-def test_a_filter_begins_anew_where_axes_are_turned() -> None:
+def test_a_filter_restarts_with_rotated_axes() -> None:
     for error, is_alike in ((0.0, True), (0.189, True), (0.191, False), (0.3, False)):
         for sign in (1, -1):
             new = learned("gyr", 2, matrix=turned(sign * error))
@@ -86,7 +86,7 @@ def test_a_filter_begins_anew_where_axes_are_turned() -> None:
 
 
 @pytest.mark.parametrize("name", SENSORS)
-def test_a_filter_begins_anew_without_a_calibration_that_there_was(name: str) -> None:
+def test_a_filter_restarts_if_a_calibration_is_removed(name: str) -> None:
     assert not goes(learned(name), Params())
 
 
@@ -96,7 +96,7 @@ def test_a_record_that_is_too_short_calibrates_nothing() -> None:
     assert filter_can_continue(short, learned("acc").encode())
 
 
-def test_a_filter_begins_anew_where_rates_have_another_bias() -> None:
+def test_a_filter_restarts_with_another_gyroscope_bias() -> None:
     values = {"bias_counts": [1.0, 0.0, 0.0], "matrix": EYE, "method": "learned"}
     assert not goes(learned("gyr", 1), Params().replaced("gyr", values))
     assert not goes(Params(), Params().replaced("gyr", values))

@@ -205,7 +205,7 @@ def test_logs_of_many_probes_are_joined_by_utc(monkeypatch: pytest.MonkeyPatch):
     assert len(seen.paths["foot"].strides) >= 6
 
 
-def test_a_probe_whose_clock_is_not_known_is_told(monkeypatch: pytest.MonkeyPatch):
+def test_an_unknown_clock_is_reported(monkeypatch: pytest.MonkeyPatch):
     late = messages_of("shank", bound_us=None)
     monkeypatch.setattr(body_tracks, "salvage", lambda *_: late)
     assert cli.main(["export", "x.mcap", "--body", "none.toml"]) == 1

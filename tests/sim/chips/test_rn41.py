@@ -174,7 +174,7 @@ def test_the_rates_may_differ_a_little(percent: float, good: bool) -> None:
     assert len(radio.heard) == 100
 
 
-def test_a_reset_pulse_starts_it_anew() -> None:
+def test_a_reset_pulse_restarts_it() -> None:
     radio = linked()
     radio.send(b"x" * 100)
     radio.reset_pulse(10)
@@ -210,7 +210,7 @@ def test_a_short_pulse_is_a_complaint(ms: float, resets: int) -> None:
     assert radio.complaint() == "a reset pulse of less than 5 ms"
 
 
-def test_power_that_dips_starts_it_anew() -> None:
+def test_a_dip_of_the_power_restarts_it() -> None:
     radio = linked()
     lib.rn41_chip_power_cycle(radio.chip, radio.now)
     assert radio.pio2 == -1
