@@ -40,8 +40,8 @@ class RomWire(Protocol):
 
 
 class An3155:
-    """A ROM that listens, from sync() on. Each function raises FlashError if the answer
-    is not what it should be.
+    """A ROM that listens, from sync() on. Each function raises FlashError for a wrong
+    answer.
     """
 
     def __init__(self, wire: RomWire) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What may go wrong while a board is written, beside FlashError itself."""
+"""The errors of writing a board, beside FlashError itself."""
 
 from __future__ import annotations
 

@@ -64,8 +64,8 @@ class Manifest(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Image:
-    """An image that was read: its bytes by their addresses, and what is known of it.
-    `about` is None of a file that no manifest names.
+    """An image that was read: its bytes by their addresses, and its row of the
+    manifest: `about` is None if no manifest names the file.
     """
 
     def __init__(
@@ -97,8 +97,8 @@ class Image:
         return None
 
     def binary(self) -> bytes:
-        """From the first byte to the last; what lies between and is not there is 0xFF,
-        as erased flash is.
+        """From the first byte to the last; missing bytes between them are 0xFF, as in
+        erased flash.
         """
         low, high = min(self.code), max(self.code)
         return bytes(self.code.get(at, 0xFF) for at in range(low, high + 1))

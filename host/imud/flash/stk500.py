@@ -47,15 +47,15 @@ class BootWire(Protocol):
 
 class Stk500:
     """A bootloader that listens, from sync() on. Addresses and sizes are in bytes, and
-    even. Each function raises FlashError if the answer is not what it should be.
+    even. Each function raises FlashError for a wrong answer.
     """
 
     def __init__(self, wire: BootWire) -> None:
         self._wire = wire
 
     def sync(self) -> None:
-        """Finds the beginning of an answer; NoBootloader if there is none. What comes
-        before it is what the firmware sent before the reset, or an earlier answer.
+        """Finds the beginning of an answer; NoBootloader if there is none. Bytes before
+        it are the firmware's from before the reset, or an earlier answer.
         """
         self._listen(BEGIN_S)
         for _ in range(SYNC_TRIES):

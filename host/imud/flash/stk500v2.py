@@ -37,7 +37,7 @@ SYNC_TRIES = 4
 
 class Stk500v2:
     """A bootloader that listens, from sync() on. Addresses and sizes are in bytes, and
-    even. Each function raises FlashError if the answer is not what it should be.
+    even. Each function raises FlashError for a wrong answer.
     """
 
     def __init__(self, wire: BootWire) -> None:
@@ -67,8 +67,8 @@ class Stk500v2:
 
     def rewind(self) -> None:
         """From now on pages are erased from the first one on: each write() erases the
-        next page, whichever it writes. The command is to erase all; it says that it
-        failed, or in older bootloaders not.
+        next page, whichever it writes. The command is to erase all; newer bootloaders
+        report that it failed.
         """
         self._send(bytes((CHIP_ERASE,)))
         if self._answer(ANSWER_S, 2)[:1] != bytes((CHIP_ERASE,)):
@@ -127,7 +127,7 @@ class Stk500v2:
     def _hear(
         self, seconds: float, size: int, is_enough: Callable[[bytes], bool]
     ) -> None:
-        """`size`: what is to come, so that a read does not wait for more."""
+        """`size`: of the answer, so that a read does not wait for more."""
         heard = b""
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s and not is_enough(heard):

@@ -24,7 +24,7 @@ DRIFT_M_S2_K = 0.75e-3 * G_M_S2
 
 
 class Condition(StrEnum):
-    """Of a sensor's calibration; what is wrong first comes first."""
+    """The condition of a sensor's calibration, the most serious first."""
 
     UNCALIBRATED = "uncalibrated"  # or with unknown errors
     OLD = "old"
@@ -52,8 +52,8 @@ _FLAGS = {
 
 
 def advice(conditions: Mapping[str, Condition], moved: str = "") -> str:
-    """Which sensors need something, and what; empty if none does. `moved`: what
-    moved_words() says of the accelerometer.
+    """The sensors that need an action, and the action; empty if none does. `moved`:
+    moved_words() of the accelerometer.
     """
     sentences = []
     for condition, words in _WORDS.items():

@@ -26,7 +26,7 @@ Plain = (
 
 DAY_0 = datetime.date(2000, 1, 1)
 
-# What a key of a part ends with, by its unit: the same keys in files and in JSON.
+# Suffixes of a part's key, by its unit: the same keys in files and in JSON.
 SUFFIXES = {
     "": "",
     "counts": "_counts",

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Params of calibrated sensors: values are used as they are, and the filter is told
-their accuracy.
+"""Params of calibrated sensors: values are used as they are, and the filter gets their
+accuracy.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def known_to(
     temperature_c: float | None = None,
     **field: float,
 ) -> bytes:
-    """Records that tell the one-sigma errors of an axis of accelerometer and
+    """Records with the one-sigma errors of an axis of accelerometer and
     magnetometer, and of the gyroscope's scale, a share; without it none.
 
     `temperature_c`: of the accelerometer's calibration. `field`: norm_uT and dip_deg of

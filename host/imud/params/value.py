@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The params of a probe as one value that does not change. What it does not know it
-keeps, byte by byte: records of later firmware, and parts behind those that it knows.
+"""The params of a probe as one value that does not change. It keeps unknown data, byte
+by byte: records of later firmware, and parts behind those that it knows.
 """
 
 from __future__ import annotations
@@ -255,7 +255,7 @@ class Params(msgspec.Struct, frozen=True):
 
 
 def payload_of(records: bytes) -> dict[str, Any]:
-    """What is published of params, for JSON: docs/params.md."""
+    """The published form of params, for JSON: docs/params.md."""
     try:
         params = Params.decode(records)
     except ParamsError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Learns the sensors' calibration from what a probe does anyway: no procedure.
+"""Learns the sensors' calibration from a probe's normal use, without a procedure.
 
 It needs raw samples and motion that turns the probe. A fit takes up to 0.3 s, so it is
 done in a thread beside; the stage picks the result up with a later message.
@@ -30,7 +30,7 @@ def worker() -> Executor:
 
 
 class LearnStage:
-    """Learns the sensors of one probe, or not where the configuration says so."""
+    """Learns the sensors of one probe, unless the configuration turns it off."""
 
     name = "learn"
     replaced: frozenset[str] = frozenset()
