@@ -329,8 +329,8 @@ class _Path:
 
 
 def faced(track: Track) -> Track:
-    """With the best heading of its first while in all rows before that: until a compass
-    has settled, a filter's own heading is any, or poor.
+    """With the best early heading in all rows before it: until a compass has settled, a
+    filter's own heading is arbitrary or poor.
     """
     away_s = track.times_s - track.times_s[0]
     worth = track.heading_sigma**2 + (TURNS_RAD_S * away_s) ** 2

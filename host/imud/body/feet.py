@@ -30,7 +30,7 @@ class Foot:
         self._walker: Walker | None = None
         self._last_s: float | None = None
         self._rests = 0  # before that walker
-        # Of poses alone, which tell no forces.
+        # Of poses alone, which have no forces.
         self._turns = StanceDetector()
         self._calm_s = 0.0
         self._is_down = False
@@ -51,7 +51,7 @@ class Foot:
             self._walker.update(time_s, passed_s, (row[1:4], row[4:7]), pose)
 
     def turn(self, time_s: float, gyr: FloatArray) -> None:
-        """A moment of a probe that sends poses alone: rates tell rests, no places."""
+        """A moment of a probe that sends poses alone: rates show rests, not places."""
         if self._walker is not None:
             self.lose()
         passed_s = 0.0 if self._last_s is None else time_s - self._last_s

@@ -94,7 +94,7 @@ def _poses(gyr: FloatArray, acc: FloatArray, field: FloatArray) -> FloatArray:
 
 
 def _counted(rows: FloatArray, lsb_max: float) -> tuple[float, list[list[int]]]:
-    """What a count is, so fine that the largest value fits, and the counts."""
+    """The unit of a count, so that the largest value fits, and the counts."""
     largest = float(np.max(np.nan_to_num(np.abs(rows))))
     lsb = round(min(lsb_max, max(largest, 1e-2) / COUNTS_MAX), 9)
     counts = np.clip(np.rint(np.nan_to_num(rows) / lsb), -COUNTS_MAX, COUNTS_MAX)

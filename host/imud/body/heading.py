@@ -34,9 +34,9 @@ UNKNOWN = math.radians(100.0)
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What shows the turn over time. `turns`: (n, k) rad, of which the one nearest to
-    the estimate counts; `variance`: (n,) rad2, NaN where it shows nothing. Its errors
-    last `lasts_s`.
+    """A measurement of the turn over time. `turns`: (n, k) rad, of which the one
+    nearest to the estimate counts; `variance`: (n,) rad2, NaN where it shows nothing.
+    Its errors last `lasts_s`.
     """
 
     turns: FloatArray

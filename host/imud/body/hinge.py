@@ -47,7 +47,7 @@ class Centre:
 
     parent: FloatArray
     child: FloatArray
-    residual: float  # of forces at the centre, a share of what turning adds
+    residual: float  # of forces at the centre, a share of the force that turning adds
     excitation_m_s2: float
     sigma_m: float
 

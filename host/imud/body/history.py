@@ -98,7 +98,7 @@ class ProbeHistory:
         if is_far.all():
             return found
         # Poses turn, too, where a filter corrects its heading: their rates are right in
-        # the median only, which tells the bias.
+        # the median only, which shows the bias.
         off = values[:, :3] - found.gyr
         off = off[np.isfinite(off).all(axis=1)]
         if len(off) >= BIAS_ROWS:

@@ -32,7 +32,7 @@ CONSTANT = 1e-9
 WALK = math.radians(0.4)
 # Inside a building the fields at two places differ by more than a probe at rest states.
 INDOORS = math.radians(6.0)
-# Loose probes shake: what is left of the axes by their attitudes decides.
+# Loose probes shake: the residual of the axes by their attitudes decides.
 RESIDUAL_MAX = 0.7
 PLAY_MAX = math.radians(12.0)
 AXES = {1: "hinge", 2: "pair of axes"}
@@ -238,7 +238,7 @@ def _pair(
     turn: FloatArray,
 ) -> tuple[tuple[FloatArray, FloatArray], float, float]:
     """Two axes that keep their angle over rotation matrices (n, 3, 3), its cosine, and
-    the rms of what is left of it.
+    its rms residual.
     """
     starts = np.random.default_rng(0).standard_normal((STARTS, 3))
     tried = [_settled(turn, each / np.linalg.norm(each)) for each in starts]
@@ -249,7 +249,7 @@ def _pair(
 def _settled(
     turn: FloatArray, second: FloatArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """What is left, and both axes, from a first guess of the second one."""
+    """The residual, and both axes, from a first guess of the second one."""
     cost = np.inf
     while True:
         first = _steadiest(turn @ second)

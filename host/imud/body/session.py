@@ -48,8 +48,8 @@ class BodyAnalysis:
 class Alignment:
     """How the probes sit, joints about any axes by child, remarks for people.
 
-    `pose`: from and to, s, in which angles about any axes are 0. `upright`: those of
-    the mounts that no zero is in.
+    `pose`: from and to, s, in which angles about any axes are 0. `upright`: the mounts
+    without a zero.
     """
 
     mounts: Mapping[str, Mount]

@@ -83,7 +83,7 @@ NONE = Clipped()
 
 @dataclass(slots=True)
 class Beyond:
-    """What a sensor misses while it is at the end of its range: as much as it rose
+    """The missing part of a sensor at the end of its range: as much as it rose
     before, for half the time that it has been there; `most` at most.
     """
 
@@ -194,7 +194,7 @@ class ZeroVelocity:
         return Step(transition, before, after)
 
     def _noise(self, step_s: float, pull: float, rate: float) -> FloatArray:
-        """What a step adds to the variances."""
+        """The variances that a step adds."""
         found = np.zeros(STATES)
         force = FORCE_NOISE**2 * step_s + (FORCE_SHARE * pull) ** 2 * step_s * SAME_S
         turn = RATE_NOISE**2 * step_s + (RATE_SHARE * rate) ** 2 * step_s * SAME_S
@@ -207,7 +207,7 @@ class ZeroVelocity:
         return found
 
     def _biased(self, step_s: float, acc: FloatArray) -> float:
-        """What forces add to the variance of the rates' bias since it last stood."""
+        """The variance that forces add to the rates' bias since it last stood."""
         if self._mean is None or self._stood is None:
             self._mean = self._stood = acc
         self._mean = self._mean + (acc - self._mean) * min(1.0, step_s / MEAN_S)
@@ -253,8 +253,8 @@ class ZeroVelocity:
         return True
 
     def stand(self, gyr: FloatArray, sigma: float) -> FloatArray:
-        """It stands but for `sigma`, m/s; to be said once in SAME_S. Returns what all
-        states are corrected by.
+        """It stands but for `sigma`, m/s; call it once in SAME_S. Returns the
+        correction of all states.
         """
         noise = math.hypot(STANDING_M_S, sigma) ** 2 * EYE[:3, :3]
         return self._correct(*self._standing(gyr), noise)
@@ -282,7 +282,7 @@ class ZeroVelocity:
     def _correct(
         self, shown: FloatArray, off: FloatArray, noise: FloatArray
     ) -> FloatArray:
-        """By what a measurement is off; returns what all states are corrected by."""
+        """Takes a measurement's residual; returns the correction of all states."""
         seen = self.covariance @ shown.T
         gain = np.linalg.solve(shown @ seen + noise, seen.T).T
         kept = EYE - gain @ shown
@@ -302,9 +302,9 @@ class ZeroVelocity:
 def smoothed(
     steps: list[Step], change: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What the correction at the end of the steps makes of the places before each of
-    them, m, (n, 3), and their one-sigma errors (Rauch, Tung and Striebel 1965).
-    `covariance`: after the correction.
+    """The smoothed places before each step, by the correction at their end, m, (n, 3),
+    and their one-sigma errors (Rauch, Tung and Striebel 1965). `covariance`: after the
+    correction.
     """
     changes, sigmas = np.empty((len(steps), 3)), np.empty((len(steps), 3))
     for index in range(len(steps) - 1, -1, -1):

@@ -23,8 +23,8 @@ DOUBT = 2.0  # sigmas of a contradiction that discards the earlier drift
 def drift_of(
     before: Calibration | None, after: Calibration, count_m_s2: float
 ) -> float | None:
-    """What each kelvin from the temperature of the calibration `after` adds to the
-    one-sigma error of an axis, m/s2; None: unknown. `count_m_s2`: of one count.
+    """The one-sigma error of an axis that each kelvin from the temperature of the
+    calibration `after` adds, m/s2; None: unknown. `count_m_s2`: of one count.
 
     The slopes of the axes between both calibrations and their uncertainty, weighed
     against the earlier drift or the data sheet's. The less two calibrations show, the

@@ -24,8 +24,8 @@ from imud.rotation import FloatArray
 ROUNDS = 4
 ACC = slice(0, accelerometer.PARAMETERS)
 GYR = slice(accelerometer.PARAMETERS, accelerometer.PARAMETERS + gyroscope.PARAMETERS)
-# Of the direction after a turn, beside what its own fit expects, rad: how a gyroscope
-# of a few euros bends, 0.1 % of a half turn.
+# Of the direction after a turn, beside its own fit's error, rad: the nonlinearity of a
+# gyroscope of a few euros, 0.1 % of a half turn.
 BENT_RAD = 2e-3
 DIFFERENT_CHI = 5.0
 

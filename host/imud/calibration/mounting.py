@@ -24,7 +24,7 @@ SENSORS = ("acc", "gyr", "mag")
 # The poses that show a mounting, in the order of the guide's requests. Three are
 # enough; the others verify that the requests were followed.
 ASKED = ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0))
-# What is left between the forces and the best mounting, in g: a hand misses a face by
+# The residual of the forces for the best mounting, in g: a hand misses a face by
 # 10 degrees, a scale is off by 5 %. A wrong pose leaves 0.7.
 LEFT_MAX_G = 0.4
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How good a calibration is: the errors of tilt and heading to expect from it.
+"""The quality of a calibration: the expected errors of tilt and heading.
 
 The fits' covariances, grown by their residuals, are carried to tilt and heading and
 averaged over all attitudes. Both scores are careful: in simulations the true rms is 0.6

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Which way the axes lie: the poses that a guide asks for, and a row on what gravity
-was in them.
+"""Which way the axes lie: the poses that a guide asks for, and a row on gravity in
+them.
 
 The body's axes: x to the front, y to the left, z to the top (docs/calibration.md).
 """

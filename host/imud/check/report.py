@@ -15,8 +15,7 @@ from imud.check.evidence import Evidence
 from imud.check.rows import Row, overall, summary
 from imud.version import version
 
-# Fields of the hello that tell one kind of board from another, and none that tell one
-# board from another of its kind.
+# Fields of the hello that identify a kind of board, but no single board.
 OF_HELLO = (
     *("board", "firmware", "schema_fingerprint", "sensor", "who_am_i", "mag_adjust"),
     *("self_test", "sample_rate", "pose_rate", "raw_rate", "reset_cause", "filter"),

@@ -197,7 +197,7 @@ class Procedure:
         if not is_new:
             events += self._trouble(
                 CalibrationFault(
-                    "again", "it lay like this before", f"now {self.wanted.words}"
+                    "again", "this pose is done", f"lay it {self.wanted.words}"
                 )
             )
         return events + self._after_pose(recording)
@@ -269,7 +269,7 @@ class Procedure:
         if first is None or self.fit is None:
             if up @ poses.BASE_DOWN.up < ALIKE:
                 leans = CalibrationFault(
-                    "not_base_down", "it is not base down", "lay it so"
+                    "not_base_down", "it is not base down", "lay it base down"
                 )
                 return self._trouble(leans)
             self.phase, self._first_down = "half_turn", last

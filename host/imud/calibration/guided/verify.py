@@ -2,7 +2,7 @@
 """Checks in ten seconds whether a calibration is still good: lay the probe still, turn
 it over, lay it still.
 
-What must agree: the length of gravity at each stop, the gyroscope's turn with
+It compares the length of gravity at each stop, the gyroscope's turn with
 gravity's, and the field's strength and dip in each attitude.
 """
 
@@ -179,7 +179,7 @@ def _of_gyr(
         off = math.acos(float(np.clip(before @ after, -1.0, 1.0)))
         between = rate[first.middle : last.middle]
         turned = float(np.linalg.norm(between, axis=1).sum() * recording.step_s)
-        # What gravity itself is unsure of counts for nothing.
+        # The uncertainty of gravity itself does not count.
         allowed = GYR_GOOD * turned + math.radians(TILT_GOOD_DEG)
         if off / allowed > share:
             worst, share = off, off / allowed

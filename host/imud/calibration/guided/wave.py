@@ -159,8 +159,8 @@ def _off(mean: FloatArray, up: FloatArray) -> float:
 def _bias(
     recording: SensorRecording, rate: FloatArray, force: FloatArray
 ) -> tuple[FloatArray, float]:
-    """What the calibrated rate is at rest, and its one-sigma error, rad/s; if it never
-    rested, what keeps gravity where it is.
+    """The calibrated rate at rest, and its one-sigma error, rad/s; if it never rested,
+    the rate that keeps gravity constant.
     """
     stops = find_stops(recording)
     if not stops:

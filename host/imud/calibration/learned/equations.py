@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The equations of free motion: what force and field must be once the gyroscope carries
-the attitude, and how the parameters of three sensors change it. See motion.py.
+"""The equations of free motion: the expected force and field along the gyroscope's
+attitude, and their derivatives by the parameters of three sensors. See motion.py.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Estimate:
         self.values[GYR_BIAS] = self.rest
 
     def moved(self) -> FloatArray:
-        """From what is expected, for the prior."""
+        """The differences from the expected values, for the prior."""
         away = self.values.copy()
         away[GYR_BIAS] -= self.rest
         away[LAG] -= LAG_S

@@ -103,7 +103,7 @@ class Learner:
 
     def add(self, sample: Sample) -> bool:
         """Takes the next sample; whether a fit is due. A loss or a clipped reading ends
-        what can be integrated.
+        the integration.
         """
         samples = self.samples
         gap_us = sample.t_us - samples[-1].t_us if samples else 0
@@ -191,8 +191,8 @@ def _rest_of(recording: SensorRecording, begin_us: int) -> RestRate | None:
 def _rest_in_motion(
     calibrated: SensorRecording, gyr: Affine, begin_us: int
 ) -> tuple[RestRate, float]:
-    """What the rates would be at rest, of a recording that never rested, and the
-    one-sigma error of that, rad/s. `gyr`: what it was calibrated with.
+    """The rates at rest, of a recording that never rested, and their one-sigma error,
+    rad/s. `gyr`: what it was calibrated with.
     """
     rate, sigma = rate_bias.of_motion(calibrated.gyr, calibrated.acc, calibrated.step_s)
     x, y, z = map(float, np.linalg.solve(gyr.matrix, rate) + gyr.bias)
@@ -200,7 +200,7 @@ def _rest_in_motion(
 
 
 def _starts(recording: SensorRecording) -> list[int]:
-    """Where what is fitted begins: all of it, then the parts that are shorter."""
+    """The starts of the parts to fit: all of it, then shorter parts."""
     steps = [len(recording) - round(part / recording.step_s) for part in PARTS_S]
     return [0, *(start for start in steps if start > 0)]
 

@@ -50,7 +50,7 @@ from imud.calibration.score import ATTITUDES, TILT_TO_HEADING, tilt_errors
 from imud.rotation import FloatArray
 
 LEAST_S = 15.0
-LEVEL_MIN_UT = 5.0  # of a field that tells a heading
+LEVEL_MIN_UT = 5.0  # of a field that shows a heading
 
 WEIGHINGS = 5  # in each round
 # One sigma of what turns the frame between two knots and no parameter explains, by
@@ -112,7 +112,7 @@ class MotionFit:
 def _prior(
     known: Priors, motion: MotionEquations, walk_rad: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Rows of what is known before, over their sigmas, and what they should be."""
+    """Rows of the priors, over their sigmas, and their expected values."""
     knots = len(motion.knots)
     sigmas = np.ones(KNOTS)
     sigmas[ACC_BIAS] = known.acc_m_s2
@@ -228,9 +228,8 @@ def _cost(found: MotionFit, known: Priors) -> float:
 
 
 def _excess(rows: Rows, motion: MotionEquations) -> float:
-    """By how much more is left over than the noise that most means show, 1 at least:
-    where a part of them fits badly, as after a magnet was put on, the fit is not to be
-    trusted as far as its covariance says.
+    """The ratio of the residual to the noise of most means, at least 1: where some fit
+    badly, as after a magnet was put on, the fit is less certain than its covariance.
     """
     left = rows.left(motion.step)
     return max(1.0, math.sqrt(float((left**2).mean())) / rows.noise(left))
@@ -238,8 +237,8 @@ def _excess(rows: Rows, motion: MotionEquations) -> float:
 
 def _lasting(readings: Rows, motion: MotionEquations) -> float:
     """The growth of the error of the field's part because residuals are correlated for
-    longer than FIELD_ALIKE says, 1 at least: in the frame, where a room is uneven, or
-    in the body, after a magnet was put on.
+    longer than FIELD_ALIKE, at least 1: in the frame, where a room is uneven, or in the
+    body, after a magnet was put on.
     """
     left = readings.left(motion.step)
     block = round(BLOCK_S / FIELD_S)

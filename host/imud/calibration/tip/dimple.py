@@ -106,7 +106,7 @@ def fit(
     noise = noise_of(force) / math.sqrt(size)
     found = np.zeros(ALL) if before is None else before.unknowns
     rows, left = np.zeros((0, 3, ALL)), np.zeros((0, 3))
-    least = PASSES[0] if before is None else 2  # what is left over is of the last
+    least = PASSES[0] if before is None else 2  # residuals are of the last
     for number in range(PASSES[1]):
         true = rate - found[GYR] + rate * found[SCALE]
         blocks = _blocks(force, true, step_s, size)
@@ -212,7 +212,7 @@ def _change(
     sigma: float,
     trust: Trust,
 ) -> FloatArray:
-    """A Gauss-Newton step of the unknowns, with what is known before."""
+    """A Gauss-Newton step of the unknowns, with their priors."""
     slopes = rows[:, :, :UNKNOWNS].reshape(-1, UNKNOWNS) / sigma
     prior = _spread(trust)[:UNKNOWNS] ** -2.0
     normal = slopes.T @ slopes + np.diag(prior)

@@ -181,8 +181,8 @@ def axis_of(found: Circle, attitudes: FloatArray) -> ProbeAxis:
 
 
 def _bias(axis: FloatArray, attitudes: FloatArray) -> float:
-    """What is left of an error of the world in the mean over the attitudes: 1 without a
-    turn, 0 in a full one.
+    """The remaining share of an error of the world in the mean over the attitudes: 1
+    without a turn, 0 in a full one.
     """
     across = units(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]))
     return float(np.linalg.norm((attitudes @ across).mean(axis=0)))

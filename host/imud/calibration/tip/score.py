@@ -56,7 +56,7 @@ def _sigma(of: Calibration | None) -> float:
 
 
 def score_of(fit: DimpleFit, trust: Trust) -> TipScore:
-    """Of what a wobble says."""
+    """The score of a wobble."""
     own = float(np.sqrt(np.mean(fit.sigma_m**2)))
     sigma = math.hypot(own, trust.share * float(np.linalg.norm(fit.offset_m)))
     return TipScore(sigma, INSIDE * sigma)
