@@ -94,7 +94,7 @@ def common(one: Part, other: Part) -> float:
 
 
 def of_handle(layout: Layout, base: Part, lid: Part, saddle: Part) -> Iterator[Row]:
-    """Of the parts of a handle with what is inside."""
+    """The checks of a handle's parts with their contents."""
     name = layout.name
     yield _free(name, "base and lid share", common(base, lid))
     yield _free(name, "base and saddle share", common(base, saddle))

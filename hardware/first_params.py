@@ -33,7 +33,7 @@ def params_of(name: str) -> Params:
 
 
 def files() -> dict[Path, str]:
-    """What each file has to be."""
+    """The content of each file."""
     return {
         handles.FOLDER / f"{handles.PREFIX}{name}.toml": written(params_of(name))
         for name in boards()

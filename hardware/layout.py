@@ -44,8 +44,8 @@ class Slab:
 
     block: Block
     posts: tuple[Block, ...]  # its areas, from its lower to its upper side
-    above: float  # room for what is on it
-    standoff: float  # room for what is below
+    above: float  # room for parts on it
+    standoff: float  # room for parts below
 
 
 @cache

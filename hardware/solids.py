@@ -90,7 +90,7 @@ def letter(name: str, at: tuple[float, float], size: float) -> list[Stroke]:
 
 
 def engraved(plane: Plane, strokes: list[Stroke], width: float, depth: float) -> Part:
-    """What is to be cut from a face: grooves with sloping walls, which print without
+    """A cut into a face: grooves with sloping walls, which print without
     supports whichever way the face lies. The plane's z points out of the face.
     """
     return union(_groove(plane, stroke, width, depth) for stroke in strokes)

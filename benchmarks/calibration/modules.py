@@ -113,8 +113,8 @@ def guided(seed: int) -> dict[str, Any]:
 
 
 def through_image(task: tuple[str, int]) -> dict[str, Any]:
-    """A module that warms up by 5 degrees on a virtual board, in a hand that obeys:
-    what is found in the raw samples that the board's image sends.
+    """A module that warms up by 5 degrees on a virtual board, in a hand that obeys: the
+    result from the raw samples of the board's image.
     """
     board, seed = task
     with tempfile.TemporaryDirectory() as folder:
