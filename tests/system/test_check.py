@@ -86,7 +86,7 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, str], str]] = {
     "nano: a clone": (
         {"kind": "wrong_who_am_i", "value": 0x75},
         {"inertial chip": "look at this"},
-        "it behaves like one",
+        "works like an MPU-9250",
     ),
     "nano: a register that changes": (
         {"kind": "register_flip", "at_us": 6_000_000, "reg": 0x1C, "value": 0},
