@@ -189,8 +189,9 @@ void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25);
 void fuse_deny_rest(struct fuse *fuse);
 
 // By how much the mean force has changed in the inertial frame, m/s2 q15, from a rest
-// to another one `windows` of 100 ms later, which the bias explains. `noise_q30`: variance
-// of an axis of it, (m/s2)^2. `axis`: of the level frame, 0 or 1; each tells once.
+// to another one `windows` of 100 ms later, which the bias explains. `noise_q30`:
+// variance of an axis of it, (m/s2)^2. `axis`: of the level frame, 0 or 1; each tells
+// once.
 void fuse_learn_drift(struct fuse *fuse, uint8_t axis, const struct vector *delta_q15,
                       uint32_t noise_q30, uint8_t windows);
 

@@ -51,8 +51,10 @@ struct acquisition {
     const IN_FLASH struct acquisition_port *port;
     struct probe *probe;
 #ifndef ACQUISITION_WIRED_ONLY
-    const IN_FLASH struct sensor_driver *sensor;  // of the port's, that is tried or there
-    bool is_found;                       // it has been set up once: no other is tried
+    // Of the port's, the one that is tried or was found; once it was, no other is
+    // tried.
+    const IN_FLASH struct sensor_driver *sensor;
+    bool is_found;
 #endif
     enum acquisition_phase phase;
     uint32_t since_us;   // start of the wait, or the last burst
