@@ -19,6 +19,12 @@ from imud.wire.params import ParamsParts
 # Messages that say what others mean.
 TELLING = frozenset({"hello", "params", "event", "self_test"})
 
+# Boards that do without a data-ready wire, and messages that have the time of a sample:
+# a poll of the sensor takes 0.1 ms, and tells the edge no better (core/probe/polled.h).
+POLLING = frozenset({"pico", "mega", "micropython"})
+SAMPLED = frozenset({"pose", "raw", "stroke"})
+POLL_NS = 100_000
+
 
 class Probe:
     """One probe: its account, clock, latest hello and params, on whichever port it is
@@ -59,6 +65,8 @@ class Probe:
         t_ns = timeline.utc(host_ns)
         if bound_ns is not None:
             bound_ns += timeline.doubt(host_ns, bound_ns, t_ns)
+            if name in SAMPLED and self.hello.get("board") in POLLING:
+                bound_ns += POLL_NS
         return Stamp(
             number,
             missing,
