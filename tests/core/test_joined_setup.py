@@ -35,10 +35,8 @@ def test_identity_tells_chips_units_and_verdicts():
     assert list(identity.mag_adjust) == [0, 0, 0]
     assert identity.self_test == ALL_PASSED
     assert identity.rate_hz == 208
-    # Two poles at 66.8 Hz.
-    assert identity.gyr_delay_us == pytest.approx(
-        math.sqrt(2) / (2 * math.pi * 66.8) * 1e6, abs=5
-    )
+    # ST's driver of the LSM6DSO for Qualcomm's sensor core, at 208 Hz: 4.86 ms.
+    assert identity.gyr_delay_us == 4860
     # Half of a measurement at 155 Hz, half of a period.
     assert identity.mag_lag_us == pytest.approx(5e5 / 155 + 5e5 / 208, abs=2)
     assert identity.gyr_lsb_nrad_s == round(math.radians(0.070) * 1e9)

@@ -92,7 +92,7 @@ SHANK_PROBE = 'probe = "shank"'
         ),
         ('parent = "thigh"\n', "", "it has no parent, like thigh"),
         ('joint = "knee"', 'joint = "kneee"', '"kneee" is not "hip", "knee"'),
-        ('joint = "knee"', 'at = "hole"', "thigh has no mark hole; it has end"),
+        ('joint = "knee"', 'at = "hole"', "thigh has no mark hole, only end"),
         (
             "length_m = 0.42",
             "lenght_m = 0.42",

@@ -270,4 +270,4 @@ def test_a_printed_handle_brings_its_tip_and_leaves_the_rest(
 
 
 def test_a_misspelt_handle_is_answered_with_those_there_are(desk: Desk) -> None:
-    assert "there are handle-nano, handle-pico" in desk.fails("load", "handle-pcio")
+    assert "only handle-nano, handle-pico" in desk.fails("load", "handle-pcio")

@@ -159,9 +159,7 @@ def test_a_file_that_is_none_is_refused_on_one_line(
 
 
 def test_a_name_that_is_no_file_says_what_there_is() -> None:
-    with pytest.raises(
-        FileError, match="there are shop, lsm6dsox, calibrated, or a file"
-    ):
+    with pytest.raises(FileError, match="use shop, lsm6dsox, calibrated, or a file"):
         modules.named("best", 1)
 
 
