@@ -221,7 +221,7 @@ def test_a_module_that_is_none_is_one_line(
 ) -> None:
     assert cli.main(["sim", "nano", *stand_in(ECHO), "--module", "best"]) == 1
     error = capsys.readouterr().err
-    assert "there is no module best; there are shop" in error
+    assert "no module best: use shop" in error
     assert error.count("\n") == 1
 
 
