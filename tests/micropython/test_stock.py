@@ -72,3 +72,17 @@ def test_ctrl_c_has_no_meaning_while_it_runs_and_gets_it_back(stock: Path) -> No
     begun = ["pin on", -1, "log open"]
     ended = ["interrupted", "log closed", 3, "pin off", "raised"]
     assert done.stdout.strip() == str(begun + ended)
+
+
+def test_a_sensor_of_the_module_alone_is_refused_without_it(stock: Path) -> None:
+    program = "import probe; probe.LSM6DSOX(None).attach_plain(None, None)"
+    done = subprocess.run(
+        [stock, "-c", program],
+        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    refused = "ValueError: an LSM6DSOX needs the C module: docs/micropython.md"
+    assert (done.stdout + done.stderr).strip().endswith(refused)
