@@ -12,7 +12,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from imud.params.value import Params
 from imud.wire import frame, messages, schema
+from imud.wire.params import ParamsParts
 from length import choose, examples
 from protocol import wire
 from protocol.wire import VECTORS, unhex
@@ -153,6 +155,20 @@ def host_word(content: bytes) -> str:
     if isinstance(found, messages.Message) or found.kind == "impossible_value":
         return "ok"
     return "wrong_id" if found.kind == "unknown_message" else found.kind
+
+
+def test_the_vectors_parts_make_an_accelerometers_drift() -> None:
+    heard, digest = ParamsParts(), None
+    for vector in VECTORS["good"]:
+        if "with a drift" in vector["name"]:
+            message = messages.decode(unhex(vector["content"]))
+            assert isinstance(message, messages.Message)
+            digest = heard.add_part(message)
+    assert digest is not None
+    acc = Params.decode(heard.get(digest) or b"").plain("acc")
+    assert acc is not None
+    assert acc["drift_m_s2_k"] == pytest.approx(40 * 7.8125e-5)
+    assert acc["temperature_c"] == pytest.approx(22.0)
 
 
 @pytest.mark.parametrize("vector", VECTORS["good"], ids=lambda v: v["name"])
