@@ -53,8 +53,7 @@ def shop(random: np.random.Generator, warm_degc: float = WARM_DEGC) -> Module:
     15 to 45 uT of its own, 4 % of soft iron, a die turned by 1 degree, 12.5 ms late.
     """
     direction = random.standard_normal(3)
-    iron = random.normal(0.0, 0.04, (3, 3))
-    die = np.radians(random.normal(0.0, 1.0, 3))
+    mag = _magnetic(random)
     return Module(
         gyr=_crossed(random),
         gyr_bias=np.radians(random.uniform(-2.0, 2.0, 3)),
@@ -62,7 +61,7 @@ def shop(random: np.random.Generator, warm_degc: float = WARM_DEGC) -> Module:
         warming=warming,
         acc=_crossed(random),
         acc_bias=np.clip(random.normal(0.0, 25.0, 3), -60.0, 60.0) * MG,
-        mag=(np.eye(3) + (iron + iron.T) / 2.0) @ _turned(die),
+        mag=mag,
         mag_bias=direction / np.linalg.norm(direction) * random.uniform(15.0, 45.0),
         noise=NOISE,
         acc_drift=random.normal(0.0, 0.5, 3) * MG * warm_degc,
@@ -80,8 +79,7 @@ def pair(random: np.random.Generator, warm_degc: float = WARM_DEGC) -> Module:
     a degree; magnetometer up to 1 gauss of its own. Errors without a document are as in
     shop(): cross-axis terms, soft iron, a die turned by 1 degree.
     """
-    iron = random.normal(0.0, 0.04, (3, 3))
-    die = np.radians(random.normal(0.0, 1.0, 3))
+    mag = _magnetic(random)
     return Module(
         gyr=_crossed(random),
         gyr_bias=np.radians(random.uniform(-1.0, 1.0, 3)),
@@ -89,7 +87,7 @@ def pair(random: np.random.Generator, warm_degc: float = WARM_DEGC) -> Module:
         warming=warming,
         acc=_crossed(random),
         acc_bias=np.clip(random.normal(0.0, 20.0, 3), -60.0, 60.0) * MG,
-        mag=(np.eye(3) + (iron + iron.T) / 2.0) @ _turned(die),
+        mag=mag,
         mag_bias=random.uniform(-100.0, 100.0, 3),
         noise=NOISE_OF_PAIR,
         acc_drift=random.normal(0.0, 0.1, 3) * MG * warm_degc,
@@ -100,6 +98,13 @@ def _crossed(random: np.random.Generator) -> FloatArray:
     """Scale of 1 % and cross-axis terms of 0.5 %."""
     cross = random.normal(0.0, 0.005, (3, 3)) * (1.0 - np.eye(3))
     return np.diag(1.0 + random.normal(0.0, 0.01, 3)) + cross
+
+
+def _magnetic(random: np.random.Generator) -> FloatArray:
+    """Soft iron of 4 %, and a die turned by 1 degree."""
+    iron = random.normal(0.0, 0.04, (3, 3))
+    die = np.radians(random.normal(0.0, 1.0, 3))
+    return np.asarray((np.eye(3) + (iron + iron.T) / 2.0) @ _turned(die))
 
 
 def _turned(angle_rad: FloatArray) -> FloatArray:
