@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 import pytest
 
+from host.flash.boot_cable import LOOP, Cut, Mute
 from host.flash.stk500v2_board import PAGE, Stk500v2Board
 from imud.errors import FlashError
 from imud.flash import mega, pages, stk500v2
@@ -20,28 +21,12 @@ OLD = bytes(range(1, 251)) * 40  # its first word begins no jump
 NEW = bytes(reversed(range(1, 252))) * 44
 IMAGE = dict(enumerate(NEW))
 PAGES = -(-len(NEW) // PAGE)
-# AVR instruction set manual, RJMP: 1100 kkkk kkkk kkkk, to PC + k + 1 with k = -1.
-LOOP = (0b1100_1111_1111_1111).to_bytes(2, "little")
-
-
-class Cut(Exception):
-    """The cable was pulled."""
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing was said before the reset."""
     monkeypatch.setattr(stk500v2, "BEGIN_S", 0.0)
-
-
-class Mute:
-    """Nobody."""
-
-    def write(self, data: bytes, /) -> int:
-        return len(data)
-
-    def read(self, _: int = 1, /) -> bytes:
-        return b""
 
 
 class CutBoard(Stk500v2Board):

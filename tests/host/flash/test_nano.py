@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 import pytest
 
+from host.flash.boot_cable import LOOP, Cut, Mute
 from host.flash.stk500_board import PAGE, Stk500Board
 from imud.errors import FlashError
 from imud.flash import nano, stk500
@@ -17,12 +18,6 @@ OLD = bytes(range(1, 251)) * 100  # its first word begins no jump
 NEW = bytes(reversed(range(1, 252))) * 110
 IMAGE = dict(enumerate(NEW))
 PAGES = -(-len(NEW) // PAGE)
-# AVR instruction set manual, RJMP: 1100 kkkk kkkk kkkk, to PC + k + 1 with k = -1.
-LOOP = (0b1100_1111_1111_1111).to_bytes(2, "little")
-
-
-class Cut(Exception):
-    """The cable was pulled."""
 
 
 @pytest.fixture(autouse=True)
@@ -30,16 +25,6 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """This bootloader is there without blinking first."""
     monkeypatch.setattr(stk500, "BEGIN_S", 0.0)
     monkeypatch.setattr(stk500, "QUIET_S", 0.0)
-
-
-class Mute:
-    """Nobody."""
-
-    def write(self, data: bytes, /) -> int:
-        return len(data)
-
-    def read(self, _: int = 1, /) -> bytes:
-        return b""
 
 
 class CutBoard(Stk500Board):
