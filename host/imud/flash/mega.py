@@ -7,6 +7,7 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping
 
 from imud.flash import OnProgress, pages, serial_port
+from imud.flash.firmware import MEGA_MAX
 from imud.flash.stk500 import BootWire, NoBootloader
 from imud.flash.stk500v2 import Stk500v2
 
@@ -14,7 +15,6 @@ FITTING = (bytes((0x1E, 0x98, 0x01)),)  # ATmega2560
 PAGE = 256  # bytes (ATmega2560, table 30-7)
 BAUD = 115_200
 TRIES = 3  # a busy machine may miss the second in which it listens
-BEGINS_AT = 0x3E000
 
 # Opens the port and resets the board by it.
 Reset = Callable[[], contextlib.AbstractContextManager[BootWire]]
@@ -45,7 +45,7 @@ def flash(port: str, image: Mapping[int, int], on_progress: OnProgress) -> int:
     with reached(lambda: serial_port.reset(port, BAUD)) as bootloader:
         pages.check_chip(bootloader, FITTING)
         count = write(bootloader, image, on_progress)
-        bootloader.leave()
+        pages.leave(bootloader)
     return count
 
 
@@ -55,4 +55,4 @@ def write(
     on_progress: OnProgress = lambda _done, _all: None,
 ) -> int:
     """As pages.write()."""
-    return pages.write(bootloader, BEGINS_AT, PAGE, image, on_progress)
+    return pages.write(bootloader, MEGA_MAX, PAGE, image, on_progress)

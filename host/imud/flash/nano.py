@@ -50,7 +50,7 @@ def flash(port: str, image: Mapping[int, int], on_progress: OnProgress) -> int:
     with reached(lambda baud: serial_port.reset(port, baud)) as (bootloader, begins_at):
         check_chip(bootloader)
         count = write(bootloader, begins_at, image, on_progress)
-        bootloader.leave()
+        pages.leave(bootloader)
     return count
 
 

@@ -8,6 +8,7 @@ read back and are right. The next reset by DTR starts the bootloader.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Protocol
 
@@ -39,6 +40,7 @@ class Paged(Protocol):
     def rewind(self) -> None: ...
     def write(self, address: int, page: bytes, /) -> None: ...
     def read(self, address: int, size: int, /) -> bytes: ...
+    def leave(self) -> None: ...
 
 
 def check_chip(bootloader: Paged, fitting: tuple[bytes, ...]) -> str:
@@ -98,6 +100,14 @@ def write(
     except (FlashError, OSError) as error:
         raise HalfWritten(str(error)) from error
     return len(pages)
+
+
+def leave(bootloader: Paged) -> None:
+    """Has the image started. All of it was read back: if nobody answers any more, the
+    next reset starts it.
+    """
+    with contextlib.suppress(FlashError, OSError):
+        bootloader.leave()
 
 
 def _compare(at: int, page: bytes, found: bytes) -> None:

@@ -152,3 +152,20 @@ def test_an_answer_of_another_length_or_command_is_none(
         board._answer = lambda _, said=answer: said  # type: ignore[assignment,misc]
         with pytest.raises(FlashError, match="did not answer for the address"):
             bootloader.read(0, 2)
+
+
+class GoneAtTheEnd(Stk500v2Board):
+    """It is unplugged once the image is complete."""
+
+    def write(self, data: bytes, /) -> int:
+        return len(data) if data[5] == 0x11 else super().write(data)
+
+
+def test_a_board_that_is_silent_at_the_end_has_its_image(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    board = GoneAtTheEnd(OLD)
+    monkeypatch.setattr(mega.serial_port, "reset", lambda *_: nullcontext(board))
+    assert mega.flash("port", IMAGE, lambda _done, _all: None) == PAGES
+    assert board.flash[: len(NEW)] == NEW
+    assert not board.has_left
