@@ -90,11 +90,13 @@ def main() -> int:
         from hardware import illustrations
 
         illustrations.draw(handles, pieces)
-    if not args.only:
-        parts = [*sorted(PLACE.iterdir()), ROOT / "LICENSE"]
-        archive.write(PLACE.parent / archive.NAME, parts, made_of)
     bad = sum(not row.is_good for row in rows)
     missed = planted.undetected(handles[0]) if handles else []
+    if not args.only:
+        path = PLACE.parent / archive.NAME
+        path.unlink(missing_ok=True)  # a release would take it
+        if not bad and not missed:
+            archive.write(path, [*sorted(PLACE.iterdir()), ROOT / "LICENSE"], made_of)
     for what in missed:
         sys.stdout.write(f"a planted fault is not found: {what}\n")
     sys.stdout.write(
