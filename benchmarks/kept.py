@@ -175,7 +175,11 @@ def keep_all(what: str, since: float) -> None:
     for name, one in KEPT.items():
         source = RESULTS / one.source
         if one.what == what and source.exists() and source.stat().st_mtime >= since:
-            keep(name)
+            try:
+                keep(name)
+            except NotWholeError as error:
+                print(f"not kept: {one.source} is partial ({error})")
+                continue
             print(f"kept: {(FOLDER / name).relative_to(PROJECT)}.json")
 
 

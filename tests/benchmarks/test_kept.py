@@ -56,6 +56,10 @@ def test_only_results_of_this_run_are_kept(
     assert capsys.readouterr().out == ""
     kept.keep_all("nano", written)
     assert capsys.readouterr().out == "kept: build/kept-by-a-test/nano.json\n"
+    # Partial ones are left as they were, and say so.
+    source.write_text('{"seconds": 1.0}')
+    kept.keep_all("nano", written)
+    assert capsys.readouterr().out.startswith("not kept: cycles.json is partial")
     (file,) = kept.FOLDER.iterdir()
     assert json.loads(file.read_text())["command"] == "make bench WHAT=nano"
     file.unlink()
