@@ -45,3 +45,4 @@ class StillWindow:
 
     def clear(self) -> None:
         self._rows.clear()
+        self.looks = 0

@@ -141,17 +141,17 @@ class TurnGuide:
 
     def _end(self, first: Lying, second: Lying) -> None:
         between = self._samples[first.first : second.last]
-        since = self._captured and self._references.since_capture(self._captured)
+        captured = self._captured
+        since = None if captured is None else self._references.since_capture(captured)
         self.found = TurnSeen(
             (first, second),
             np.array([each.gyr for each in between], dtype=float),
             np.diff([each.t_us for each in between]) * 1e-6,
             self._samples[-1].temperature_c,
-            since or None,
+            since,
         )
 
 
 def degrees_of(turn: FloatArray) -> float:
     """The angle of a quaternion, 0 to 180."""
-    w, *xyz = turn.tolist()
-    return math.degrees(2.0 * math.atan2(math.hypot(*xyz), abs(w)))
+    return math.degrees(float(np.linalg.norm(rotation.to_rotation_vector(turn))))

@@ -21,6 +21,7 @@ from imud.calibration.algebra import integrated, units
 from imud.calibration.recording import GRAVITY_M_S2, Scale
 from imud.check.rows import Row, RowVerdict
 from imud.check.turn import MOVED_DEG, TIMEOUT_S, TurnGuide, TurnSeen, degrees_of
+from imud.params.condition import DRIFT_M_S2_K
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 
@@ -33,7 +34,6 @@ LAID_DEG = 0.2  # one sigma of how exactly a hand lays it against a stop
 # Gravity is 9.780 to 9.832 m/s2 between equator and poles: so much from the mean, at
 # most, as a standard deviation of places (WGS 84).
 PLACES_M_S2 = 0.015
-ACC_PER_K_M_S2 = 0.00075 * GRAVITY_M_S2  # as in the stated tilt: docs/pose.md
 ROOM_UT = 0.3  # 3 uT/m over the way of a hand
 GYR_FLOOR_DEG = 0.05
 MISSING = 2.5  # of a period: longer steps have samples missing in them
@@ -120,8 +120,7 @@ def _laid_otherwise(turns: Sequence[TurnMeasured], judged: Sequence[Row]) -> str
 
 def by_poses(seen: TurnSeen) -> TurnMeasured:
     """The turn between both poses; its error is the second one's (docs/pose.md)."""
-    first, second = (np.array(rest.q) for rest in seen.rests)
-    turn = rotation.multiply(second, rotation.inverse(first))
+    turn = _turn_of(seen)
     since = seen.since
     if since is None or since.void is not None:
         why = since.void if since is not None else "starting"
@@ -139,6 +138,12 @@ def by_poses(seen: TurnSeen) -> TurnMeasured:
             "(imud calibrate)",
         )
     return TurnMeasured(degrees_of(turn), _about(share, heading or 0.0, tilt or 0.0))
+
+
+def _turn_of(seen: TurnSeen) -> FloatArray:
+    """From the first pose to the second, in the world."""
+    first, second = (np.array(rest.q) for rest in seen.rests)
+    return rotation.multiply(second, rotation.inverse(first))
 
 
 def _share_about_up(turn: FloatArray) -> float:
@@ -225,10 +230,8 @@ def by_gravity(
         return TurnMeasured(
             math.degrees(turned), None, "not calibrated: imud calibrate"
         )
-    poses = by_poses(seen)
-    first_q, second_q = (np.array(rest.q) for rest in seen.rests)
-    share = _share_about_up(rotation.multiply(second_q, rotation.inverse(first_q)))
-    if share > 0.01 and poses.turned_deg > MOVED_DEG:
+    turn = _turn_of(seen)
+    if _share_about_up(turn) > 0.01 and degrees_of(turn) > MOVED_DEG:
         return TurnMeasured(
             math.degrees(turned),
             None,
@@ -252,7 +255,7 @@ def _acc_sigma(acc: Calibration | None, now_c: float | None) -> float | None:
     apart_k = 0.0
     if acc.temperature_c is not None and now_c is not None:
         apart_k = abs(now_c - acc.temperature_c)
-    return math.hypot(acc.sigma, ACC_PER_K_M_S2 * apart_k)
+    return math.hypot(acc.sigma, (acc.drift_m_s2_k or DRIFT_M_S2_K) * apart_k)
 
 
 def _gravity_row(seen: TurnSeen, scale: Scale, params: Params) -> Row:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from imud.calibration.recording import Sample, Scale
+from imud.calibration.recording import Sample
 from imud.check import report
 from imud.check.axes import ASKED, TIMEOUT_S, PoseGuide
 from imud.check.chips import is_dead
@@ -22,6 +22,7 @@ from imud.check.readings import MG, rest_of
 from imud.check.rows import Row, RowVerdict, overall
 from imud.check.touch import led_words
 from imud.cli import check_source, check_text
+from imud.cli.calibrate_source import scale_of
 from imud.cli.check_screen import CheckScreen
 from imud.cli.check_source import LiveMessages
 from imud.cli.keyboard import Quit
@@ -87,9 +88,7 @@ def _lay(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
     rest = rest_of(evidence, evidence.samples())
     if not rest.is_enough:
         return  # noise would hide each rest
-    scale = Scale(
-        hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], hello["raw_rate"]
-    )
+    scale = scale_of(hello, hello["raw_rate"])
     evidence.is_posing = True
     guide = PoseGuide(scale, ASKED[1:])
     x, y, z = (float(each) for each in rest.acc_mg * MG)
@@ -106,7 +105,7 @@ def _lay(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
         if item is not None:
             source.record(item, evidence)
             if item["type"] == "raw":
-                guide.feed(_sample(item))
+                guide.feed(sample_of(item))
         # Its own time is that of the samples, which may have stopped.
         is_late = time.monotonic() - asked_s > TIMEOUT_S + LATE_S
         if screen.key() in ENTER or is_late:
@@ -114,8 +113,16 @@ def _lay(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
     evidence.poses = [Posed(ASKED[0], (x, y, z)), *guide.found]
 
 
-def _sample(item: dict[str, Any]) -> Sample:
-    return Sample(item["t_device_us"], item["acc_counts"], item["gyr_counts"])
+def sample_of(item: dict[str, Any]) -> Sample:
+    """A raw sample as it is published."""
+    mag = item["mag_counts"]
+    return Sample(
+        item["t_device_us"],
+        tuple(item["acc_counts"]),
+        tuple(item["gyr_counts"]),
+        None if mag is None else tuple(mag),
+        item["temperature_c"],
+    )
 
 
 def _touch(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:

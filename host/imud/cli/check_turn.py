@@ -10,12 +10,12 @@ import sys
 import time
 from typing import Any
 
-from imud.calibration.recording import Sample, Scale
 from imud.check.evidence import Evidence
 from imud.check.rows import RowVerdict, overall
 from imud.check.turn import TIMEOUT_S, TurnGuide
 from imud.check.turn_rows import rows, timed_out
 from imud.cli import check_run, check_source
+from imud.cli.calibrate_source import scale_of
 from imud.cli.check_screen import CheckScreen
 from imud.cli.check_source import LiveMessages
 from imud.cli.keyboard import Quit
@@ -50,9 +50,7 @@ def _guide(source: LiveMessages, evidence: Evidence, turn_deg: float) -> TurnGui
     hello = evidence.hello
     if evidence.other_schema or hello["sensor"] == "none":
         raise DeviceError(f"{source.title} can't measure a turn: imud check shows why")
-    scale = Scale(
-        hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], hello["raw_rate"]
-    )
+    scale = scale_of(hello, hello["raw_rate"])
     return TurnGuide(scale, Params.decode(source.params()), turn_deg)
 
 
@@ -63,7 +61,7 @@ def _watch(source: LiveMessages, guide: TurnGuide, screen: CheckScreen) -> None:
         if item is not None and item["type"] == "pose":
             guide.on_pose(item)
         elif item is not None and item["type"] == "raw":
-            guide.on_sample(_sample(item))
+            guide.on_sample(check_run.sample_of(item))
         elif item is not None and item["type"] == "event":
             _interrupted(source, item)
         if guide.has_first != had_first:
@@ -88,14 +86,3 @@ def _interrupted(source: LiveMessages, event: dict[str, Any]) -> None:
             f"{source.title} restarted or its params changed ({event['event']}); "
             "start again"
         )
-
-
-def _sample(item: dict[str, Any]) -> Sample:
-    mag = item["mag_counts"]
-    return Sample(
-        item["t_device_us"],
-        tuple(item["acc_counts"]),
-        tuple(item["gyr_counts"]),
-        None if mag is None else tuple(mag),
-        item["temperature_c"],
-    )
