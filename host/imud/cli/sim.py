@@ -302,7 +302,7 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("use --hand or --motion, not both")
     if args.hand in STROKING and args.board.name == "nano":
         args.parser.error(
-            f"--hand {args.hand}: the Nano can't measure strokes; use f405"
+            f"--hand {args.hand}: the Nano can't measure strokes; use mega or f405"
         )
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")

@@ -167,7 +167,16 @@ def find(
     if installed is not None and (installed / name).is_file():
         return installed / name
     if checkout.is_checkout() or not name:
-        raise FileError(f"{built} is not built yet; run `make firmware sim`")
+        raise FileError(f"{built} is not built yet; run `{_builder_of(built)}`")
     raise FileError(
         f"{built.name} is not installed; pip install 'imu-probe[sim]', or give its path"
     )
+
+
+def _builder_of(built: Path) -> str:
+    """The command that makes this file."""
+    if built.parts[0] == ".pio":
+        return f"pio run -e {built.parent.name}"
+    if built.parts[:2] == ("build", "pico"):
+        return "make firmware BOARD=pico"
+    return "make firmware sim"

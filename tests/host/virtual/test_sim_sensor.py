@@ -22,6 +22,9 @@ exit 3
 """
 
 
+BUILDERS = {"nano": "pio run -e nano_lsm6dsox", "pico": "make firmware BOARD=pico"}
+
+
 @pytest.fixture
 def emulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A stand-in, in a folder without images."""
@@ -50,7 +53,7 @@ def test_another_sensor_has_its_word_its_image_and_its_rate(
     words += ["--sensor", other.name, "--raw"]
     assert cli.main(words) == 1
     error = capsys.readouterr().err
-    assert error == f"imud: {built} is not built yet; run `make firmware sim`\n"
+    assert error == f"imud: {built} is not built yet; run `{BUILDERS[board.name]}`\n"
     image = emulator.parent / built
     image.parent.mkdir(parents=True)
     image.touch()
