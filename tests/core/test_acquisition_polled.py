@@ -63,6 +63,17 @@ class Asked(Board):
         return self
 
 
+def test_what_is_known_of_the_edges_outlives_a_look_at_the_sensor() -> None:
+    board = Asked().asked()
+    known = []
+    for _ in range(30):  # looks come about once a second
+        board.run(0.1)
+        known.append(board.c.polled.learned)
+    assert known == sorted(known)
+    assert known[0] > 0
+    assert board.calls.count("check") >= 2
+
+
 def test_where_no_edge_comes_the_sensor_is_asked() -> None:
     board = Asked().asked()
     events = board.bench.events()

@@ -193,6 +193,17 @@ bool acquisition_is_due(const struct acquisition *acquisition, uint32_t now_us) 
 uint32_t acquisition_polled_edges(const struct acquisition *acquisition) {
     return acquisition->polled.edges;
 }
+#else
+static bool tries_another(struct acquisition *acquisition) {
+    (void)acquisition;
+    return false;
+}
+
+static bool goes_without_wire(struct acquisition *acquisition, uint32_t now_us) {
+    (void)acquisition;
+    (void)now_us;
+    return false;
+}
 #endif
 
 // Fills in what a burst brought; OUTCOME_OK where that is a sample. Not inline, so that
@@ -249,6 +260,11 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
     const IN_FLASH struct acquisition_port *port = acquisition->port;
     const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     acquisition->unchecked = 0;
+#ifndef ACQUISITION_WIRED_ONLY
+    if (acquisition->is_polled) {  // what is known of its edges goes on
+        return (enum outcome)sensor->check(sensor->state, port->bus);
+    }
+#endif
     port->stop_sampling();
     const enum sensor_result result = sensor->check(sensor->state, port->bus);
     start_sampling(acquisition);
@@ -307,20 +323,15 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
     }
     if (acquisition->phase == ACQUISITION_SETUP) {
         outcome = set_up(acquisition, now_us);
-#ifndef ACQUISITION_WIRED_ONLY
         if (outcome == OUTCOME_NACK && tries_another(acquisition)) {
             return false;
         }
-#endif
     } else {
         outcome = take_sample(acquisition, &sample, now_us);
-#ifndef ACQUISITION_WIRED_ONLY
-        if (outcome == OUTCOME_NOTHING && elapsed_us >= SILENCE_US &&
-            goes_without_wire(acquisition, now_us)) {
-            return false;
-        }
-#endif
         if (outcome == OUTCOME_NOTHING && elapsed_us >= SILENCE_US) {
+            if (goes_without_wire(acquisition, now_us)) {
+                return false;
+            }
             acquisition->failed = 0;
             outcome = OUTCOME_SILENT;
         }

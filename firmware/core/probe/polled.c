@@ -42,7 +42,7 @@ void polled_begin(struct polled *polled, uint16_t rate_hz) {
 }
 
 uint32_t polled_wait_us(const struct polled *polled, uint32_t now_us) {
-    if (!polled->has_edge || polled->learned < LEARNED) {
+    if (polled->learned < LEARNED) {
         return 0;
     }
     const uint32_t varied = (uint32_t)polled->turn * STEP % SPAN;
