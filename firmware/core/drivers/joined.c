@@ -203,7 +203,7 @@ static enum sensor_result look_for_mag(struct joined *joined,
         return SENSOR_OK;
     }
     joined->mag_age = 0;
-    for (uint8_t place = 0; place < 2; ++place) {
+    for (uint8_t place = 0; place < sizeof joined->magnetic.chip->addresses; ++place) {
         const enum sensor_result result = part_ask(&joined->magnetic, bus, place);
         if (result == SENSOR_OK) {
             return SENSOR_MAG_CHANGED;

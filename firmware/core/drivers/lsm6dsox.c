@@ -70,6 +70,7 @@ static const IN_FLASH uint8_t kept_values[] = {
     CTRL9_XL,
     0,
 };
+_Static_assert(sizeof kept_values <= PART_KEPT_MAX, "part_verify() has room");
 
 #ifdef PART_WITHOUT_SELF_TEST
 static const IN_FLASH struct part_axes axes[] = {{XLDA}, {GDA}};

@@ -12,7 +12,6 @@ enum {
     RESET_TICKS = 20,  // ST's drivers poll without a bound; theirs of others wait 20 ms
     FORCE_TRIES = 10,  // a second: a shaken probe passes 1 g by then
     FORCE_SCALE = 3,   // bits: an eighth of the sum of five
-    KEPT_COUNT_MAX = 13,
 };
 
 static bool is_within(const struct part *part, uint16_t now, uint8_t ticks) {
@@ -129,7 +128,8 @@ static enum sensor_result sample(struct part *part,
 // taken for.
 static enum sensor_result force(struct part *part, uint16_t now) {
     const uint32_t gravity =
-        (uint32_t)part->chip->gravity_counts * PART_TEST_SAMPLES / 8;  // below 2^15
+        ((uint32_t)part->chip->gravity_counts * PART_TEST_SAMPLES) >>
+        FORCE_SCALE;  // below 2^15
     const uint32_t square = fixed_high_half(gravity * gravity);
     uint32_t found = 0;  // 2^16ths, as `square`
     for (uint8_t axis = 0; axis < 3; ++axis) {
@@ -199,7 +199,7 @@ configure(struct part *part, const IN_FLASH struct bus_device *bus, uint16_t now
 enum sensor_result part_verify(struct part *part,
                                const IN_FLASH struct bus_device *bus) {
     const IN_FLASH struct part_chip *chip = part->chip;
-    uint8_t found[KEPT_COUNT_MAX];
+    uint8_t found[PART_KEPT_MAX];
     const enum sensor_result result =
         part_read(part, bus, chip->kept, found, chip->kept_count);
     for (uint8_t i = 0; result == SENSOR_OK && i < chip->kept_count; ++i) {

@@ -17,6 +17,7 @@ enum {
     PART_WHO_AM_I = 0x0F,
     PART_TEST_SAMPLES = 5,  // that ST's examples take the mean of
     PART_WHO_NOBODY = 0,    // nothing has answered
+    PART_KEPT_MAX = 13,     // registers that part_verify() reads at once
 };
 
 // A row is a register with the value to write, or one of these.

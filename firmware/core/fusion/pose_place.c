@@ -97,7 +97,6 @@ static void learn_drift(struct pose_tracker *tracker, uint8_t axis) {
 // The next part of what the last window brought.
 static void work(struct pose_tracker *tracker, const struct fuse *fuse) {
     struct stroke_window *window = &tracker->window;
-    const bool is_learning = tracker->stroke.end == STROKE_END_BUTTON;
     switch (tracker->work) {
     case POSE_WORK_STEP:
         window->inertial_from_body = &fuse->state.inertial_from_body;
@@ -107,7 +106,8 @@ static void work(struct pose_tracker *tracker, const struct fuse *fuse) {
         break;
     case POSE_WORK_TELL:
         tracker->has_stroke = true;
-        tracker->work = is_learning ? POSE_WORK_LEARN_X : POSE_WORK_NONE;
+        tracker->work = tracker->stroke.end == STROKE_END_BUTTON ? POSE_WORK_LEARN_X
+                                                                 : POSE_WORK_NONE;
         break;
     case POSE_WORK_LEARN_X:
         learn_drift(tracker, 0);
