@@ -5,7 +5,8 @@
 ;
 ; From the data-ready edge to the bytes of a sample: its handler stamps the time and
 ; starts the burst, the TWI handler moves its bytes (sampling.c). The UART's move bytes
-; between the wire and its rings (uart.c). Timer1 is the clock, Timer0 wakes the main loop (clock.c).
+; between the wire and its rings (uart.c). Timer1 is the clock, Timer0 wakes the main
+; loop (clock.c).
 
 #include <avr/interrupt.h>
 #include <avr/io.h>

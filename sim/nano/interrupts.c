@@ -32,10 +32,10 @@ static avr_int_vector_t *pending_interrupt(const struct machine *machine) {
     const struct machine_kind *kind = machine->kind;
     for (int i = 0; i < kind->vectors; i++) {
         avr_int_vector_t *vector = machine->vectors[i];
-        const uint8_t pin = pin_of(kind, i);
         if (vector == NULL || !is_bit_set(machine->avr, vector->enable)) {
             continue;
         }
+        const uint8_t pin = pin_of(kind, i);
         if (pin != 0 && is_by_level(machine->avr, i - VECTOR_INT0)) {
             if ((machine->avr->data[kind->pins] & pin) == 0) {
                 return vector;

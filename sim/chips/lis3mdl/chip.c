@@ -110,6 +110,7 @@ void lis3mdl_chip_power_cycle(struct lis3mdl_chip *chip, uint64_t now_ns) {
     chip->pointer = 0;
     chip->moves_on = false;
     chip->samples = 0;
+    memset(chip->latest, 0, sizeof chip->latest);
     reset(chip);
 }
 

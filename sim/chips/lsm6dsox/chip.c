@@ -127,6 +127,7 @@ void lsm6dsox_chip_power_cycle(struct lsm6dsox_chip *chip, uint64_t now_ns) {
     chip->reset_end = NEVER;
     chip->boot_end = NEVER;
     memset(chip->sensors, 0, sizeof chip->sensors);
+    chip->gyr_on_ns = now_ns;
     lsm6dsox_chip_reset(chip);
 }
 
