@@ -76,7 +76,7 @@ static int power_up(void *self, struct run *run) {
         !machine_init(machine, kind, board->module, options->seed, 0)) {
         return run_complain(run, "libsimavr", "does not have the processor");
     }
-    machine->is_unwired = board->ready != NULL && strcmp(board->ready, "none") == 0;
+    machine->is_unwired = !run_has_ready(board->ready);
     machine->context = run;
     machine->on_byte = on_byte;
     machine->on_mark = on_mark;
@@ -195,9 +195,9 @@ static struct profile_time profile_now(const void *self) {
 }
 
 static const char *check(const void *self) {
-    return module_is_known(((const struct nano *)self)->sensor)
-               ? NULL
-               : "--sensor is mpu9250 or lsm6dsox";
+    const struct nano *board = self;
+    return module_is_known(board->sensor) ? run_check_ready(board->ready)
+                                          : "--sensor is mpu9250 or lsm6dsox";
 }
 
 static const struct fault_kinds *fault_kinds(const void *self) {

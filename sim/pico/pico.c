@@ -237,7 +237,7 @@ static int power_up(void *self, struct run *run) {
     struct pico *pico = self;
     pico->run = run;
     pico->pause_ns = RUN_NEVER;
-    pico->has_ready_wire = pico->ready == NULL || strcmp(pico->ready, "wire") == 0;
+    pico->has_ready_wire = run_has_ready(pico->ready);
     struct module_config config = {.name = pico->sensor};
     if (run->options.motion != NULL) {
         config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
@@ -339,9 +339,9 @@ static void report(void *self, struct run_report *out) {
 }
 
 static const char *check(const void *self) {
-    return module_is_known(((const struct pico *)self)->sensor)
-               ? NULL
-               : "--sensor is mpu9250 or lsm6dsox";
+    const struct pico *pico = self;
+    return module_is_known(pico->sensor) ? run_check_ready(pico->ready)
+                                         : "--sensor is mpu9250 or lsm6dsox";
 }
 
 static const struct fault_kinds *fault_kinds(const void *self) {

@@ -29,6 +29,15 @@ enum {
 
 static volatile sig_atomic_t wants_stop;
 
+bool run_has_ready(const char *ready) {
+    return ready == NULL || strcmp(ready, "wire") == 0;
+}
+
+const char *run_check_ready(const char *ready) {
+    const bool is_known = run_has_ready(ready) || strcmp(ready, "none") == 0;
+    return is_known ? NULL : "--ready is wire or none";
+}
+
 static void on_signal(int number) {
     (void)number;
     wants_stop = 1;

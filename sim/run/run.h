@@ -193,6 +193,10 @@ int run_main(struct run *run, const struct run_board *board, void *self,
 // Fills the memory that survives power from the file of --eeprom, if given; for the
 // board's power_up(). 0, or the exit code after a message.
 int run_load_memory(struct run *run);
+// Of a board's option --ready: wire (also where it is null) or none.
+bool run_has_ready(const char *ready);
+// What is wrong with it, or null.
+const char *run_check_ready(const char *ready);
 // Prints one line about a mistake in a file. Returns 2, the exit code.
 int run_complain(const struct run *run, const char *path, const char *what);
 // The same for an option, followed by the usage text.
