@@ -127,13 +127,12 @@ static enum sensor_result sample(struct part *part,
 // Between 0.75 and 1.25 g: else it was shaken, or its counts are not what they are
 // taken for.
 static enum sensor_result force(struct part *part, uint16_t now) {
-    const uint32_t gravity =
-        ((uint32_t)part->chip->gravity_counts * PART_TEST_SAMPLES) >>
-        FORCE_SCALE;  // below 2^15
+    // Five readings, over eight: within 2^15.
+    const uint32_t gravity = (uint32_t)fixed_scale_down(
+        (int32_t)part->chip->gravity_counts * PART_TEST_SAMPLES, FORCE_SCALE);
     const uint32_t square = fixed_high_half(gravity * gravity);
     uint32_t found = 0;  // 2^16ths, as `square`
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        // Five readings, over eight: within 2^15.
         const int32_t size = fixed_scale_down(part->sums[axis].sum, FORCE_SCALE);
         found += fixed_high_half((uint32_t)(size * size));
     }
