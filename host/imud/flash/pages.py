@@ -103,8 +103,8 @@ def write(
 
 
 def leave(bootloader: Paged) -> None:
-    """Has the image started. All of it was read back: if nobody answers any more, the
-    next reset starts it.
+    """Has the image started. All of it was read back: if there is no answer any
+    more, the next reset starts it.
     """
     with contextlib.suppress(FlashError, OSError):
         bootloader.leave()
