@@ -46,14 +46,21 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "firmware/micropython.py",
     ),
     "card": (
-        "an hour of logging on the virtual F405, compared with its wire",
+        "minutes of logging on the virtual F405, compared with its wire",
         "firmware/card.py",
     ),
     "host": (
-        "the daemon: decoding, latency, CPU, memory, clocks; 12 h with faults",
+        "the daemon: decoding, latency, CPU, memory, clocks; 3 h with faults",
         "host/daemon.py",
+        "host/hot_path.py",
         "host/clocks.py",
         "host/soak.py",
+        "host/soak.py --hours 1 --keep-mb 100",
+        "host/tested.py",
+    ),
+    "attacks": (
+        "an hour of attacks on the daemon, beside its clients",
+        "host/attacks.py --minutes 60",
     ),
     "hosts": (
         "many probes, daemons, routers and consumers: cost, latency, loss",

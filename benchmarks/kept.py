@@ -11,38 +11,24 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.common import scoring
 from benchmarks.common.figure import SETS
 from benchmarks.common.paths import PROJECT, RESULTS
+from benchmarks.common.whole import (
+    NotWholeError,
+    Results,
+    demand,
+    named,
+    without_colons,
+)
+from benchmarks.host import parts as host
 
 FOLDER = PROJECT / "benchmarks" / "results"
 DIGITS = 6  # significant ones of a float; documents show fewer
-
-Results = dict[str, Any]
-
-
-class NotWholeError(Exception):
-    """The results are those of a part of the benchmark; the message says which."""
-
-
-def named(figures: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """The values of required figures by their names."""
-    return {figure["name"]: figure["value"] for figure in figures}
-
-
-def without_colons(found: Results) -> Results:
-    """With other names: a place in a document has colons between its keys."""
-    return {name.replace(": ", " "): value for name, value in found.items()}
-
-
-def demand(is_whole: bool, what: str) -> None:
-    """Raise NotWholeError if the results are partial."""
-    if not is_whole:
-        raise NotWholeError(what)
 
 
 def recordings(found: Results) -> Results:
@@ -134,10 +120,20 @@ class Kept:
 
     what: str  # of `make bench WHAT=...`
     source: str  # in build/benchmarks
-    part: Callable[[Results], Results]
+    part: Callable[[Any], Results]
 
 
 KEPT = {
+    "attacks": Kept("attacks", "attacks.json", host.attacks),
+    "card": Kept("card", "card.json", host.card_log),
+    "host": Kept("host", "host.json", host.daemon_load),
+    "host-clocks": Kept("host", "clocks.json", host.dating),
+    "host-soak": Kept("host", "soak.json", host.soak),
+    "host-soak-limited": Kept("host", "soak-limited.json", host.soak_limited),
+    "host-stages": Kept("host", "hot-path.json", host.stages),
+    "host-tested": Kept("host", "tested.json", host.tested),
+    "hosts": Kept("hosts", "hosts.json", host.fleet),
+    "page": Kept("page", "page.json", host.page),
     "recordings": Kept("accuracy", "accuracy.json", recordings),
     "recordings-f405": Kept("accuracy", "accuracy-f405.json", recordings),
     "motions": Kept("accuracy", "groups.json", motions),

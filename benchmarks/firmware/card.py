@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""An hour of logging: the STM32F405's image writes raw and pose of each sample to a
+"""Minutes of logging: the STM32F405's image writes raw and pose of each sample to a
 modelled card and sends the same over the wire; both are compared, sample by sample.
 """
 
@@ -31,6 +31,7 @@ RATE_HZ = 380
 IDS = {message.name: message.id for message in schema.MESSAGES}
 SAMPLES = (IDS["raw"], IDS["pose"])
 CHUNK = 1 << 20
+MINUTES = 10.0
 SLACK_S = 3.0  # for the sensor's set-up and a click of the button
 # Size of a second on the card: raw and pose with their frames, and a margin.
 BYTES_A_SECOND = 48_000
@@ -163,9 +164,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="benchmarks/firmware/card.py",
         description=__doc__,
-        epilog="example: benchmarks/firmware/card.py --minutes 5",
+        epilog="example: benchmarks/firmware/card.py --minutes 60",
     )
-    parser.add_argument("--minutes", type=float, default=60.0, metavar="N")
+    parser.add_argument("--minutes", type=float, default=MINUTES, metavar="N")
     parser.add_argument("--output", type=Path, default=OUTPUT, metavar="FILE")
     args = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:

@@ -31,13 +31,13 @@ OUTPUT = RESULTS / "hosts.json"
 
 # Probes, their rate, daemons, routers, consumers.
 ROWS = (
-    Size(64, 200, 1, 1, 1),
-    Size(64, 200, 1, 1, 10),
-    Size(256, 200, 4, 1, 1),
+    Size(8, 20, 1, 1, 1),
+    Size(64, 20, 1, 1, 1),
     Size(256, 20, 1, 1, 1),
+    Size(64, 200, 1, 1, 1),
+    Size(16, 100, 2, 1, 11),
     Size(256, 20, 2, 1, 10),
-    Size(256, 20, 4, 2, 50),
-    Size(1000, 20, 4, 2, 10),
+    Size(1000, 2, 4, 2, 10),
 )
 HEADS = (
     *("probes", "Hz", "daemons", "routers", "consumers", "sent/s", "MB/s in"),
@@ -138,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(text)
     tell(rows)
     options.json.parent.mkdir(parents=True, exist_ok=True)
-    found = {"rows": rows, "line": straightness(rows)}
+    found = {"has_log": options.log, "rows": rows, "line": straightness(rows)}
     options.json.write_text(json.dumps(found, indent=1) + "\n")
     return 0
 

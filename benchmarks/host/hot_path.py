@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import json
 import logging
 import os
 import sys
@@ -18,6 +19,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from benchmarks.common.load import free_endpoint
+from benchmarks.common.paths import RESULTS
 from benchmarks.common.source import PERIOD_US, Source
 from imud.config.settings import Config, ZenohSettings
 from imud.daemon.hub import Hub
@@ -27,10 +29,13 @@ from imud.journal.speaker import Speaker
 from imud.probes.session import Probe, Session
 from imud.probes.timeline import host_ns
 from imud.sinks.log import LogSink
+from imud.sinks.ros2 import Ros2Sink
 from imud.sinks.zenoh import ZenohSink
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import encode
+
+OUTPUT = RESULTS / "hot-path.json"
 
 Work = Callable[[], object]
 PERIOD_NS = 1000 * PERIOD_US  # of the host, too: clocks that run alike
@@ -144,6 +149,17 @@ def publishing(items: Sequence[Item]) -> Work:
     return work
 
 
+def to_ros(items: Sequence[Item]) -> Work:
+    sink = Ros2Sink([], 0, "imud", "world")
+    sink.open()
+
+    def work() -> None:
+        for item in items:
+            sink.write(item)
+
+    return work
+
+
 def least_us(make: Callable[[], Work], count: int, runs: int) -> float:
     """The time of this thread for one of `count` messages."""
     found = []
@@ -179,9 +195,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ("... to stages and record", lambda: taking(turns, Kept())),
             ("record to log", lambda: logging_all(kept.items, folder)),
             ("record to Zenoh, without subscribers", lambda: publishing(kept.items)),
+            ("record to ROS 2, without subscribers", lambda: to_ros(kept.items)),
         )
+        stages = {}
         for name, make in rows:
-            print(f"{name:38}{least_us(make, count, runs):7.1f} us", flush=True)
+            stages[name] = least_us(make, count, runs)
+            print(f"{name:38}{stages[name]:7.1f} us", flush=True)
+    found = {"probes": options.probes, "turns": options.turns, "runs": runs}
+    found |= {"tared": options.tared, "stages_us": stages}
+    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
+    OUTPUT.write_text(json.dumps(found, indent=1) + "\n")
     return 0
 
 

@@ -35,6 +35,8 @@ from imud.progress import Progress
 from imud.sinks.log import LogSink
 
 OUTPUT = RESULTS / "soak.json"
+LIMITED = RESULTS / "soak-limited.json"  # with --keep-mb
+HOURS = 3.0
 LOG_BYTES = 32 << 20  # bytes of a file
 RSS_POINTS = 10
 
@@ -155,6 +157,7 @@ def soak(
     return {
         "hours": hours,
         "seed": seed,
+        "keep_mb": keep_mb,
         "seconds": seconds,
         "frames_a_second": sum(result["sent"] for result in results) / seconds,
         "probes": results,
@@ -203,19 +206,20 @@ def tell(result: dict[str, Any]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hours", type=float, default=12.0)
+    parser.add_argument("--hours", type=float, default=HOURS)
     parser.add_argument("--probes", type=int, default=4)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep-mb", type=int, default=0, help="of the log; 0: all")
-    parser.add_argument("--json", type=Path, default=OUTPUT)
+    parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)
+    output = options.json or (LIMITED if options.keep_mb else OUTPUT)
     with tempfile.TemporaryDirectory() as folder:
         where = Path(folder)
         hours, probes = options.hours, options.probes
         result = soak(hours, probes, options.seed, where, options.keep_mb)
     tell(result)
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(result, indent=1) + "\n")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    output.write_text(json.dumps(result, indent=1) + "\n")
     return 0 if result["ok"] else 1
 
 

@@ -253,7 +253,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--browsers", type=int, nargs="*", default=[0, 1, 8, 32])
     parser.add_argument("--json", type=Path, default=OUTPUT)
     options = parser.parse_args(arguments)
-    found: dict[str, Any] = {"views": {}, "cost": []}
+    found: dict[str, Any] = {"seconds": options.seconds, "views": {}, "cost": []}
     chromium = shutil.which("chromium")
     # More than it takes: the probes are ended when all is measured.
     total_s = 120 + (2 + len(options.browsers)) * (options.seconds + 30)
