@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.calibration import parts as calibration
 from benchmarks.common import scoring
 from benchmarks.common.figure import SETS
 from benchmarks.common.paths import PROJECT, RESULTS
@@ -142,6 +143,18 @@ KEPT = {
     "nano": Kept("nano", "cycles.json", cycles),
     "f405": Kept("f405", "cycles-f405.json", cycles),
     "tip-positions": Kept("tip", "tip-positions.json", positions),
+    "calibration": Kept("calibration", "calibration-cases.json", calibration.cases),
+    "calibration-crowd": Kept(
+        "calibration", "calibration-crowd.json", calibration.crowd
+    ),
+    "calibration-shops": Kept(
+        "calibration", "calibration-shops.json", calibration.shops
+    ),
+    "calibration-rough": Kept(
+        "calibration", "calibration-rough.json", calibration.rough
+    ),
+    "calibration-warm": Kept("calibration", "warm.json", calibration.warm),
+    "calibration-turns": Kept("calibration", "turns.json", calibration.turns),
 }
 
 

@@ -4,12 +4,14 @@ calibration: modules whose accelerometers drift, at rest in any attitude, by the
 firmware's C. Once as calibrated once, and once as calibrated at two temperatures, of
 which the second calibration learns the drift.
 
-Prints a table; seeds for judging are not used during development.
+Prints a table and writes build/benchmarks/warm.json; seeds for judging are not used
+during development.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -25,6 +27,7 @@ from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure
+from benchmarks.common.paths import RESULTS
 from benchmarks.honesty.cases import EARTH_UT, SAMPLES_C
 from imud import rotation
 from imud.calibration.guided import whole
@@ -39,6 +42,8 @@ from imud.virtual.motions.groups import exact
 from imud.virtual.motions.module import MG
 from imud.virtual.motions.ride import Ride, times
 from imud.virtual.motions.room import Room
+
+OUTPUT = RESULTS / "warm.json"
 
 MODULES = 100  # of each kind
 AWAY_K = 30.0  # from the calibration
@@ -134,16 +139,25 @@ def measure(run: tuple[str, int]) -> Row:
 HEADS = ("true rms", "stated", "inside 95 %, %", "true / stated", "verdict")
 
 
-def cells(errors: Sequence[tuple[float, float]]) -> list[str]:
-    """A row of the table, as HEADS name it."""
+def line_of(errors: Sequence[tuple[float, float]]) -> dict[str, float]:
+    """Of one kind and one way to calibrate it; angles in degrees."""
     true, sigma = np.array(errors).T
-    inside = Figure("", 100.0 * float((true <= INSIDE * sigma).mean()), MUST, GOAL)
-    rms, share = np.sqrt(np.mean(true**2)), np.sqrt(np.mean((true / sigma) ** 2))
+    return {
+        "true_rms_deg": float(np.sqrt(np.mean(true**2))),
+        "stated_deg": float(np.median(sigma)),
+        "inside": 100.0 * float((true <= INSIDE * sigma).mean()),  # %
+        "true_over_stated": float(np.sqrt(np.mean((true / sigma) ** 2))),
+    }
+
+
+def cells(line: dict[str, float]) -> list[str]:
+    """A row of the table, as HEADS name it."""
+    inside = Figure("", line["inside"], MUST, GOAL)
     return [
-        f"{rms:.2f}",
-        f"{np.median(sigma):.2f}",
+        f"{line['true_rms_deg']:.2f}",
+        f"{line['stated_deg']:.2f}",
         f"{inside.value:.1f}",
-        f"{share:.2f}",
+        f"{line['true_over_stated']:.2f}",
         inside.verdict,
     ]
 
@@ -164,9 +178,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         of = [row for row in rows if row.kind == kind]
         for how in ("once", "twice"):
             errors = [each for row in of for each in getattr(row, how)]
-            lines[f"{kind}, calibrated {how}"] = cells(errors)
+            lines[f"{kind}, calibrated {how}"] = line_of(errors)
     title = f"{args.set}, {AWAY_K:.0f} K away, {args.modules} modules a line: degrees"
-    report.print_table(title, HEADS, lines)
+    report.print_table(title, HEADS, {name: cells(lines[name]) for name in lines})
+    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
+    found = {"set": args.set, "modules": args.modules, "lines": lines}
+    OUTPUT.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
 
 
 if __name__ == "__main__":

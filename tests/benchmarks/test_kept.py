@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import kept
+from benchmarks.calibration import parts
 
 
 def test_each_results_file_is_written_by_a_benchmark() -> None:
@@ -26,11 +27,35 @@ def test_each_results_file_is_written_by_a_benchmark() -> None:
         (kept.grounds, {"sets": {"judging": {"groups": {}}, "tuning": {}}}),
         (kept.cycles, {"seconds": 30.0}),
         (kept.positions, {"runs": 3, "rows": {}}),
+        (parts.cases, {"tuning": {}}),
+        (parts.cases, {"judging": {"modules": 4}}),
+        (parts.crowd, {"judging": {"recordings": 999}}),
+        (parts.shops, {"judging": {"modules": 1}}),
+        (parts.rough, {"judging": {"modules": 5}}),
+        (parts.warm, {"set": "judging", "modules": 2}),
+        (parts.turns, {"tuning": []}),
     ],
 )
 def test_partial_results_are_refused(part, found) -> None:
     with pytest.raises(kept.NotWholeError):
         part(found)
+
+
+def test_right_verdicts_are_counted_by_fault_hand_and_angle() -> None:
+    faults = ("nothing wrong", "iron", "another", "scale", "bias")
+    found = [
+        {"fault": fault, "hand": hand, "turn_deg": degrees, "verdict": verdict}
+        for fault in faults
+        for hand in ("turn", "wedge")
+        for degrees in (30.0, 90.0)
+        for verdict in ["good"] * 5 + ["fault"] * 20
+    ]
+    part = parts.turns({"judging": found})
+    assert part["turns"] == 25
+    assert part["right"]["nothing wrong"]["turn"] == {"30": 20.0, "90": 20.0}
+    assert part["right"]["iron"]["wedge"]["90"] == 80.0
+    with pytest.raises(kept.NotWholeError):
+        parts.turns({"judging": found[:-1]})
 
 
 def test_floats_are_rounded_and_counts_are_not() -> None:

@@ -98,6 +98,29 @@ def test_a_fit_that_failed_is_infinitely_wrong(
     assert "goal" in capsys.readouterr().out
 
 
+def test_what_documents_cite_is_written_by_part() -> None:
+    results = Results("judging")
+    assert report.parts_of(results) == {}
+    good = {"tilt": 0.03, "heading": 0.1, "scale": 0.05, "housing": 0.05}
+    results.cases[GUIDED] = [good | {"seconds": 54.0}] * 19 + [{"seconds": 60.0}]
+    results.methods = [{"none": {"tilt": 2.0}, "extremes": {"heading": 5.0}}]
+    results.crowd = [row(0.1, None), row(0.2, "weak") | {"asked": row(0.1, None)}]
+    results.crowd[1]["asked"]["more"] = 2
+    parts = report.parts_of(results)
+    assert list(parts) == ["cases", "crowd"]
+    cases = parts["cases"]
+    assert (cases["modules"], cases["seconds"]) == (20, 54.0)
+    # One fit of 20 failed: there is no 95th percentile.
+    assert cases["cases"][GUIDED]["tilt"] == {"median": 0.03, "p95": None}
+    assert cases["methods"]["none"] == {"tilt": {"median": 2.0, "p95": 2.0}}
+    assert parts["crowd"]["asked for poses"]["accepted"] == 2
+    assert parts["crowd"]["as they are"]["good_refused"] == 1
+    told = [
+        parts["crowd"][f"lacked{name}"] for name in ("", "_accepted", "_accepted_soon")
+    ]
+    assert told == [1, 1, 1]
+
+
 def test_a_perfect_calibration_has_no_error() -> None:
     same = Affine(np.eye(3), np.zeros(3))
     found = simulated.affine_errors(calibrated(), same, same)

@@ -22,6 +22,7 @@ def test_what_is_stated_holds_and_two_temperatures_tell_more(kind: str) -> None:
 
 
 def test_a_line_counts_what_is_inside_and_how_much_of_it_is_true() -> None:
-    true, stated, inside, share, verdict = warm.cells([(1.0, 1.0), (3.0, 1.0)])
+    line = warm.line_of([(1.0, 1.0), (3.0, 1.0)])
+    true, stated, inside, share, verdict = warm.cells(line)
     assert (true, stated, inside, share) == ("2.24", "1.00", "50.0", "2.24")
     assert verdict == "MISSED"

@@ -60,7 +60,7 @@ def test_small_pieces_of_algebra() -> None:
 
 
 def test_twelve_poses_in_less_than_a_minute_calibrate_a_shop_module() -> None:
-    """Median and worst of a few; benchmarks/calibration/modules.py has 150."""
+    """Median and worst of a few; benchmarks/calibration/modules.py has 40."""
     found = [errors(module(seed), fitted(seed)) for seed in range(MODULES)]
     for key, middle, worst in (
         ("tilt", 0.05, 0.08),
