@@ -67,9 +67,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "host/hosts.py --log",
     ),
     "calibration": (
-        "how well simulated modules are calibrated; 2,000 verdicts",
+        "how well simulated modules are calibrated; 1,000 verdicts",
         "calibration/modules.py",
         "calibration/warm.py",
+        "calibration/turns.py --count 25",
     ),
     "limb": (
         "joint angles of legs that walk, and of chains; paths of feet",
