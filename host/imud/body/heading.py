@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from imud import rotation
+from imud.body.tracks import AWAY_S
 from imud.rotation import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -105,7 +106,11 @@ class HeadingFilter:
     def update(
         self, time_s: float, seen: Sequence[tuple[Sequence[float], float, float]]
     ) -> None:
-        """A moment: of each sight its turns, variance, and how long its errors last."""
+        """A moment: of each sight its turns, variance, and how long its errors last. It
+        begins again if one of both probes was away.
+        """
+        if self.last_s is not None and time_s - self.last_s > AWAY_S:
+            self.variance, self.last_s = UNKNOWN**2, None
         is_first = self.last_s is None
         passed = 0.0 if self.last_s is None else max(0.0, time_s - self.last_s)
         self.last_s = time_s
@@ -147,10 +152,14 @@ def follow(
 def smoothed(
     times_s: FloatArray, turns: FloatArray, sigmas: FloatArray, walk: float = WALK
 ) -> tuple[FloatArray, FloatArray]:
-    """The same, also from later measurements: H. Rauch et al., AIAA J. 3:1445, 1965."""
+    """The same, also from later measurements: H. Rauch et al., AIAA J. 3:1445, 1965.
+    Those after a probe was away say nothing of the time before.
+    """
     turns, variances = turns.copy(), sigmas**2
     rows = np.flatnonzero(np.isfinite(turns)).tolist()
     for later, row in zip(rows[:0:-1], rows[-2::-1], strict=True):
+        if times_s[later] - times_s[row] > AWAY_S:
+            continue
         grown = variances[row] + walk**2 * (times_s[later] - times_s[row])
         gain = variances[row] / grown
         turns[row] += gain * (turns[later] - turns[row])

@@ -34,7 +34,7 @@ from imud.body.state import (
     named,
     place,
 )
-from imud.body.tracks import GAP_S, Track
+from imud.body.tracks import AWAY_S, GAP_S, Track
 from imud.rotation import Quat
 
 DELAY_S = 0.15
@@ -43,7 +43,6 @@ RUN_S = 5.0  # and what is kept afterwards, to find swapped probes
 SWAPPED_LOOKS = 4  # in a row that tell of swapped probes: a turn or a stop is one
 RATE_HZ = 50.0  # of what alignment looks at
 LOST_S = 1.0  # a probe that has been silent for longer is missing
-AWAY_S = 3.0  # one that has been silent for longer ends an alignment
 # A zero that is not known is looked for again after ZERO_S, or that share of the time
 # since the pose: each look goes through all of it.
 LOST = f"no motion showed the zero angle within {ALIGN_S:g} s: restart imud body"

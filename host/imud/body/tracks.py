@@ -18,6 +18,8 @@ BoolArray = npt.NDArray[np.bool_]
 
 # A stretch without poses longer than this is missing, not interpolated.
 GAP_S = 0.15
+# A probe that was silent for longer may have restarted: its heading may be another.
+AWAY_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,6 +50,23 @@ def test_what_comes_later_is_known_from_the_beginning():
     assert sigmas[0] < math.radians(3.0)
 
 
+@pytest.mark.parametrize(("away_s", "is_kept"), [(2.98, True), (3.02, False)])
+def test_a_probe_that_was_away_may_be_back_with_another_heading(
+    away_s: float, is_kept: bool
+):
+    times_s = np.arange(1000) / 100.0
+    is_there = (times_s < 2.0) | (times_s > 2.0 + away_s)
+    seen = np.where((times_s < 2.0) | (times_s > 8.0), math.radians(3.0) ** 2, np.nan)
+    turned = np.where(times_s < 2.0, 0.3, 1.3)
+    sights = [heading.Sight(turned[:, None], seen, 0.5)]
+    live = heading.follow(heading.HeadingFilter(), times_s, is_there, sights)
+    assert bool(live[1][600] < math.radians(10.0)) == is_kept
+    turns, sigmas = heading.smoothed(times_s, *live)
+    if not is_kept:
+        np.testing.assert_allclose(turns[is_there], turned[is_there], atol=0.01)
+        assert np.nanmax(sigmas) < math.radians(4.0)
+
+
 def test_an_upright_axis_and_a_weak_force_show_nothing():
     upright = np.array([[0.0, 0.0, 1.0]])
     assert np.isnan(heading.of_axis(upright, upright, 0.1).variance).all()

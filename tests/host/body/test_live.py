@@ -60,6 +60,7 @@ class Desk:
     wearers: Mapping[str, str] = field(default_factory=dict)  # probe: whose motion
     # By how much a filter has corrected its heading at each time, rad.
     corrected: Callable[[float], float] = lambda _: 0.0
+    back_rad: float = 0.0  # by how much the heading of a silent probe differs then
     has_raw: bool = True
     bias_rad_s: float = 0.0  # of each axis of the gyroscope
 
@@ -87,7 +88,10 @@ class Desk:
         history = self.body.histories[name]
         quat, gyr, acc = samples()[self.wearers.get(name, name)][index]
         time_s = UTC_S + index * EVERY / RATE_HZ
-        turn = heading.about_up(np.array(self.corrected(index * EVERY / RATE_HZ)))
+        turn_rad = self.corrected(index * EVERY / RATE_HZ)
+        if index * EVERY / RATE_HZ >= self.silent.get(name, (0.0, math.inf))[1]:
+            turn_rad += self.back_rad
+        turn = heading.about_up(np.array(turn_rad))
         w, x, y, z = rotation.multiply(turn, np.array(quat)).tolist()
         history.add_pose(time_s, (w, x, y, z), SIGMAS)
         if self.has_raw:
@@ -206,6 +210,23 @@ def test_a_lost_probe_is_missing_and_never_still():
         if time_s > walk_s + 2.1:
             assert state.joints[0].angles_deg is not None
     assert list(dict.fromkeys(presences)) == ["late", "missing"]
+
+
+@pytest.mark.parametrize("name", ["thigh", "shank"])
+def test_a_probe_that_restarted_has_right_angles_at_once(name: str):
+    begin_s = made().stages["walk"][0] + 2.0
+    end_s = begin_s + 4.3
+    desk = Desk(body(), silent={name: (begin_s, end_s)}, back_rad=1.0)
+    off, sigmas = [], []
+    for time_s, state in desk.states(end_s + 2.0, skipped_s=end_s - 1.0):
+        knee = state.joints[0]
+        if time_s > end_s and knee.angles_deg is not None:
+            truth = np.degrees(made().angles["shank"][round(time_s * RATE_HZ)])
+            off.append(np.subtract([*knee.angles_deg.values()], truth))
+            assert knee.sigmas_deg is not None
+            sigmas.append([*knee.sigmas_deg.values()])
+    assert len(off) > 30
+    assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.85
 
 
 def test_a_probe_that_comes_after_the_delay_is_late():

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.limb import chains, made_chain
 from imud import rotation
-from imud.body import chain, fused, live, session, state, tracks
+from imud.body import chain, fused, heading, live, session, state, tracks
 from imud.rotation import FloatArray
 from length import choose
 
@@ -128,21 +129,33 @@ def leaning_late(leans_rad: float) -> tuple[dict[str, tracks.Track], FloatArray]
     return {"one": felt(first, None), "two": felt(second, None)}, bend
 
 
+def restarted(found: dict[str, tracks.Track]) -> dict[str, tracks.Track]:
+    """The same, but the second probe says nothing for 4.3 s before the lean, and then
+    has another heading.
+    """
+    track = found["two"]
+    quat = rotation.multiply(heading.about_up(np.array(1.0)), track.quat)
+    quat[track.times_s < 20.0] = track.quat[track.times_s < 20.0]
+    is_there = (track.times_s < 20.0) | (track.times_s >= 24.3)
+    return {**found, "two": replace(track, quat=quat).rows(is_there)}
+
+
 def told_live(
     found: dict[str, tracks.Track],
 ) -> list[tuple[float, state.BodyState]]:
     """What a live body says of the tracks, some times a second."""
     body, told = live.LiveBody(chain.read(PAIR, "pair")), []
-    for row, time_s in enumerate(found["one"].times_s.tolist()):
+    for moment, time_s in enumerate(found["one"].times_s.tolist()):
         for name, track in found.items():
             assert track.acc is not None
-            w, x, y, z = track.quat[row].tolist()
-            sigmas = float(track.tilt_sigma[row]), float(track.heading_sigma[row])
-            body.histories[name].add_pose(UTC_S + time_s, (w, x, y, z), sigmas)
-            p, q, r = track.gyr[row].tolist()
-            a, b, c = track.acc[row].tolist()
-            body.histories[name].add_raw(UTC_S + time_s, (p, q, r), (a, b, c))
-        if row % 20 == 0:
+            for row in np.flatnonzero(track.times_s == time_s).tolist():
+                w, x, y, z = track.quat[row].tolist()
+                sigmas = float(track.tilt_sigma[row]), float(track.heading_sigma[row])
+                body.histories[name].add_pose(UTC_S + time_s, (w, x, y, z), sigmas)
+                p, q, r = track.gyr[row].tolist()
+                a, b, c = track.acc[row].tolist()
+                body.histories[name].add_raw(UTC_S + time_s, (p, q, r), (a, b, c))
+        if moment % 20 == 0:
             told.append((time_s - live.DELAY_S, body.state(UTC_S + time_s)))
     return told
 
@@ -167,6 +180,12 @@ def test_a_live_zero_is_withheld_until_motion_shows_it_and_right_from_then_on():
         sigmas.append(stated["angle"])
     assert np.sqrt(np.mean(np.square(off))) < 5.0
     assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.9
+
+
+def test_no_motion_after_a_restart_shows_the_zero_before_it():
+    found = restarted(leaning_late(1.2)[0])
+    posed = session.of(chain.read(PAIR, "pair"), found).posture
+    assert np.isnan(posed.angles["two"]).all()
 
 
 def test_a_live_zero_that_nothing_shows_is_said_to_stay_unknown(
