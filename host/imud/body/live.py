@@ -45,7 +45,7 @@ RATE_HZ = 50.0  # of what alignment looks at
 LOST_S = 1.0  # a probe that has been silent for longer is missing
 # A zero that is not known is looked for again after ZERO_S, or that share of the time
 # since the pose: each look goes through all of it.
-LOST = f"no motion showed the zero angle within {ALIGN_S:g} s: restart imud body"
+LOST = "the zero angle stays unknown: restart imud body"
 ZERO_S, ZERO_SHARE, ZERO_BEFORE_S = 3.0, 0.1, 0.1
 GUIDE_S = 1.0  # between two looks at the motion
 STAND_S = 3.0
@@ -145,6 +145,11 @@ class LiveBody:
         """Follows the motion and sets the next instruction."""
         if self.stage == "running":
             self._check_order(time_s)
+            if self._zeroed_s < math.inf and any(
+                s.probe and self._is_away(s, time_s) for s in self.chain.segments
+            ):
+                # It may come back with another heading.
+                self._end_zeros()
             if time_s >= self._zeroed_s and self._alignment is not None:
                 self._zero(self._alignment, time_s)
             return
@@ -181,7 +186,7 @@ class LiveBody:
             self._align(found, time_s)
 
     def _is_away(self, segment: Segment, time_s: float) -> bool:
-        """Whether it has been silent for too long for an alignment."""
+        """Whether it has been silent for too long for an alignment or a zero."""
         last_s = self.histories[segment.probe or ""].last_s
         return last_s is None or time_s - last_s > AWAY_S
 
@@ -229,11 +234,15 @@ class LiveBody:
         if zero.is_open(self.chain, done.mounts) and since_s < ALIGN_S:
             self._zeroed_s = time_s + max(ZERO_S, ZERO_SHARE * since_s)
         else:
-            self._zeroed_s = math.inf
-            if zero.remarks(self.chain, done.mounts):
-                self.remarks.append(LOST)
-            for history in self.histories.values():
-                history.kept_s = RUN_S
+            self._end_zeros()
+
+    def _end_zeros(self) -> None:
+        """Looks for zeros no more; those that are unknown stay so."""
+        self._zeroed_s = math.inf
+        if zero.remarks(self.chain, self._mounts):
+            self.remarks.append(LOST)
+        for history in self.histories.values():
+            history.kept_s = RUN_S
 
     def _zero(self, begun: Alignment, time_s: float) -> None:
         """Checks whether motion has shown the unknown zeros."""

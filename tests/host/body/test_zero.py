@@ -188,6 +188,13 @@ def test_no_motion_after_a_restart_shows_the_zero_before_it():
     assert np.isnan(posed.angles["two"]).all()
 
 
+def test_the_search_for_a_live_zero_ends_when_a_probe_falls_silent():
+    told = told_live(restarted(leaning_late(1.2)[0]))
+    after = [each for time_s, each in told if time_s > 24.5]
+    assert all(each.joints[0].angles_deg is None for each in after)
+    assert all(each.remarks.count(live.LOST) == 1 for each in after)
+
+
 def test_a_live_zero_that_nothing_shows_is_said_to_stay_unknown(
     monkeypatch: pytest.MonkeyPatch,
 ):
