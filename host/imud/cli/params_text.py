@@ -302,5 +302,5 @@ def history(client: Client, probe: str) -> int:
         in_force = None if is_now else in_force
         words = f"{time} UTC  {digest}{'  active' if is_now else ''}"
         sys.stdout.write(f"{words}\n")
-    sys.stdout.write(f"imud params {probe} load DIGEST restores one\n")
+    sys.stdout.write(f"imud params load {probe} DIGEST restores one\n")
     return 0

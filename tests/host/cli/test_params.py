@@ -118,7 +118,10 @@ def test_what_was_in_force_comes_back_from_the_history(
     assert text.endswith(f"params 00000000 are active; before: {GOOD.digest:08x}\n")
     assert desk.params.records == b""
     digest = f"{GOOD.digest:08x}"
-    assert digest in desk.run("history")
+    *_, (_, _, _, listed), hint = map(str.split, desk.run("history").splitlines())
+    assert listed == digest
+    restore = f"imud params load {desk.probe} DIGEST restores one"
+    assert hint == restore.split()
     desk.run("load", digest[:5])
     assert desk.params.records == GOOD.encode()
     assert "there are no params" in desk.fails("load", "0bad")
