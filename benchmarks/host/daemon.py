@@ -22,6 +22,7 @@ from benchmarks.common.paths import RESULTS
 from benchmarks.host import soak
 from benchmarks.host.decoding import decoding, tell_decoding
 from benchmarks.host.live import live
+from benchmarks.host.parts import missed
 
 OUTPUT = RESULTS / "host.json"
 # By the number of probes: median and 99th percentile in us; share of a core.
@@ -54,12 +55,6 @@ def verdict(run: dict[str, Any]) -> str:
         is_met = run["cpu_core"] < CORE_TARGET[run["probes"]] and not missed(run)
         words.append("one core, none lost: " + ("met" if is_met else "NOT met"))
     return ", ".join(words)
-
-
-def missed(run: dict[str, Any]) -> int:
-    """Frames lost anywhere between the pty and the subscriber."""
-    fell_out = run["poses_sent"] - run["poses_heard"]
-    return int(fell_out + run["dropped"] + run["overrun"])
 
 
 def tell_live(runs: Sequence[dict[str, Any]]) -> None:

@@ -12,11 +12,17 @@ def card_log(found: Results) -> Results:
     return {name: value for name, value in found.items() if name != "complaints"}
 
 
+def missed(run: Results) -> int:
+    """Frames lost anywhere between the pty and the subscriber."""
+    fell_out = run["poses_sent"] - run["poses_heard"]
+    return int(fell_out + run["dropped"] + run["overrun"])
+
+
 def daemon_load(found: Results) -> Results:
     """Of host/daemon.py: each number of probes, decoding, memory."""
     runs = {
         "relay" if run["is_relay"] else f"{run['probes']}": run
-        | {"missed": run["poses_sent"] - run["poses_heard"] + run["overrun"]}
+        | {"missed": missed(run)}
         for run in found["live"]
     }
     demand(len(runs) >= 6, f"{len(runs)} runs")
