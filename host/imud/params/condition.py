@@ -77,7 +77,9 @@ def moved_words(acc: Mapping[str, Any] | None, temperature_c: float | None) -> s
         return ""
     now_c = STEP_DEGC * round(temperature_c / STEP_DEGC)
     drift = acc.get("drift_m_s2_k") or DRIFT_M_S2_K
-    wrong = math.hypot(sigma, drift * (now_c - calibrated_c)) / G_M_S2
+    # It is up to half a step further than the words say.
+    apart_c = abs(now_c - calibrated_c) + STEP_DEGC / 2.0
+    wrong = math.hypot(sigma, drift * apart_c) / G_M_S2
     tilt_deg = math.degrees(1.96 * math.sqrt(2.0) * wrong)  # of two axes
     return (
         f" ({calibrated_c:.0f} degC, now about {now_c:.0f}: tilt may be off by up to "

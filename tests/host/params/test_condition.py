@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import datetime
 import json
+import math
 import re
 from typing import Any
 
@@ -71,13 +72,27 @@ def test_the_less_an_accelerometer_drifts_the_further_its_calibration_holds():
 
 def test_words_say_how_far_the_temperature_is_and_what_that_may_do():
     acc = {"sigma_m_s2": 0.01, "temperature_c": 22.1}
-    words = " (22 degC, now about 50: tilt may be off by up to 3.3 degrees)"
+    words = " (22 degC, now about 50: tilt may be off by up to 3.6 degrees)"
     assert moved_words(acc, 51.9) == moved_words(acc, 48.1) == words
     assert "off by up to 0.5 degrees" in moved_words(acc | {"drift_m_s2_k": 1e-3}, 52)
     assert moved_words(acc, None) == ""
     assert moved_words(None, 50.0) == ""
     assert moved_words(acc | {"temperature_c": None}, 50.0) == ""
     assert words in advice({"acc": Condition.OTHER_TEMPERATURE}, words)
+
+
+@pytest.mark.parametrize("calibrated_c", [22.1, 60.0])
+@pytest.mark.parametrize("temperature_c", [47.5, 50.0, 52.5])
+def test_a_tilt_that_words_state_holds_at_each_temperature_that_they_mean(
+    calibrated_c: float, temperature_c: float
+):
+    acc = {"sigma_m_s2": 0.01, "temperature_c": calibrated_c}
+    words = moved_words(acc, temperature_c)
+    assert "now about 50" in words
+    off = math.hypot(0.01, DRIFT_M_S2_K * (temperature_c - calibrated_c)) / 9.80665
+    stated_deg = float(words.partition("up to ")[2].split()[0])
+    # Rounded to a tenth.
+    assert math.degrees(1.96 * math.sqrt(2.0) * off) < stated_deg + 0.05
 
 
 def test_what_is_assumed_of_a_drift_is_what_the_wire_calls_unknown():
@@ -151,7 +166,7 @@ def test_poses_alone_tell_that_a_calibration_is_far_from_its_temperature(
     which = "accelerometer, gyroscope and magnetometer"
     far = (
         f"{which} calibrated at another temperature (22 degC, now about 50: tilt may "
-        "be off by up to 3.3 degrees): imud calibrate verify"
+        "be off by up to 3.6 degrees): imud calibrate verify"
     )
     advises(52.0, far)
     chain.daemon.expect(re.escape(f"probe {probe.name}: {far}"))
