@@ -172,7 +172,8 @@ class ZeroVelocity:
         transition[SPEED, PUSH] = axes * -step_s
         transition[PLACE, PUSH] = axes * (-0.5 * step_s * step_s)
         transition[ATTITUDE, BIAS] = axes * -step_s
-        transition[ATTITUDE, SCALE] = np.kron(rate * -step_s, axes)
+        by_scale = axes[:, None, :] * (rate * -step_s)[:, None]
+        transition[ATTITUDE, SCALE] = by_scale.reshape(3, 9)
         self.place = self.place + (self.speed + pull * (step_s / 2.0)) * step_s
         self.speed = self.speed + pull * step_s
         self.quat = turned / np.linalg.norm(turned)

@@ -13,10 +13,12 @@ MEDIAN = 1.538  # of the length of three normal variables, in their sigma
 
 def skew(vectors: FloatArray) -> FloatArray:
     """Matrices of shape (..., 3, 3) that multiply as `vectors` cross does."""
-    zero = np.zeros(vectors.shape[:-1])
     x, y, z = np.moveaxis(vectors, -1, 0)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    found = np.zeros((*vectors.shape, 3))
+    found[..., 0, 1], found[..., 0, 2] = -z, y
+    found[..., 1, 0], found[..., 1, 2] = z, -x
+    found[..., 2, 0], found[..., 2, 1] = -y, x
+    return found
 
 
 def turn(vector: FloatArray) -> FloatArray:
