@@ -80,12 +80,13 @@ class JointModel:
         A filter's own heading slides while it learns the field, and all moments have
         the same errors, so together they count as one measurement.
         """
-        turns, sigmas = self.turns(parent, child)
+        sights = self.sights(parent, child)
+        turns, sigmas = _turns(parent, child, sights)
         step = heading.HeadingFilter(
             float(np.nanmean(turns[rows])),
             float(np.nanmean(sigmas[rows])) ** 2,
         )
-        for sight in self.sights(parent, child)[1:]:
+        for sight in sights[1:]:
             seen, variance = sight.turns[rows], sight.variance[rows]
             good = np.isfinite(variance)
             if good.any():
@@ -97,18 +98,20 @@ class JointModel:
 
     def turns(self, parent: Track, child: Track) -> tuple[FloatArray, FloatArray]:
         """The child's heading by all of a recording, and its sigma, rad, (n,)."""
-        is_there = np.isfinite(parent.quat[:, 0]) & np.isfinite(child.quat[:, 0])
-        # The slide of both filters is known, so it is no error of the heading between
-        # them.
-        slid = tracks.slides(child) - tracks.slides(parent)
-        sights = [
-            replace(each, turns=each.turns + slid[:, None])
-            for each in self.sights(parent, child)
-        ]
-        step = heading.HeadingFilter(walk=WALK)
-        found = heading.follow(step, parent.times_s, is_there, sights)
-        turns, sigmas = heading.smoothed(parent.times_s, *found, WALK)
-        return turns - slid, sigmas
+        return _turns(parent, child, self.sights(parent, child))
+
+
+def _turns(
+    parent: Track, child: Track, sights: list[Sight]
+) -> tuple[FloatArray, FloatArray]:
+    is_there = np.isfinite(parent.quat[:, 0]) & np.isfinite(child.quat[:, 0])
+    # The slide of both filters is known, so it is no error of the heading between them.
+    slid = tracks.slides(child) - tracks.slides(parent)
+    seen = [replace(each, turns=each.turns + slid[:, None]) for each in sights]
+    step = heading.HeadingFilter(walk=WALK)
+    found = heading.follow(step, parent.times_s, is_there, seen)
+    turns, sigmas = heading.smoothed(parent.times_s, *found, WALK)
+    return turns - slid, sigmas
 
 
 def learn(joint: Joint, parent: Track, child: Track) -> JointModel:
