@@ -22,8 +22,8 @@ from imud.body.stance import (
 from imud.body.tracks import BoolArray, Track
 from imud.body.zero_velocity import (
     FAR_STANDING,
-    NONE,
     SAME_S,
+    UNCLIPPED,
     Clipped,
     Step,
     ZeroVelocity,
@@ -84,7 +84,7 @@ class Walker:
         step_s: float,
         measured: tuple[FloatArray, FloatArray],
         pose: Pose,
-        clipped: Clipped = NONE,
+        clipped: Clipped = UNCLIPPED,
     ) -> Step | None:
         """A sample, `step_s` after the last: rates in rad/s and forces in m/s2 of the
         probe. Returns the step of the place's filter, once it has begun.

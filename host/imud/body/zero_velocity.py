@@ -78,7 +78,7 @@ class Clipped:
     force: bool = False
 
 
-NONE = Clipped()
+UNCLIPPED = Clipped()
 
 
 @dataclass(slots=True)
@@ -136,7 +136,7 @@ class ZeroVelocity:
         self.push, self.scale = np.zeros(3), np.zeros((3, 3))
         self.stretch = 1.0  # of the noise, by how speeds agreed: a variance's factor
         self._last: tuple[FloatArray, FloatArray] | None = None
-        self._was_clipped = NONE
+        self._was_force_clipped = False
         self._beyond = Beyond(CLIPPED_M_S2), Beyond(CLIPPED_RAD_S)
         # Of forces: the mean of the last while, and when it last stood; and what was
         # added to the variance of the bias since.
@@ -150,7 +150,11 @@ class ZeroVelocity:
         return np.asarray(np.sqrt(np.diag(self.covariance)[PLACE]))
 
     def advance(
-        self, step_s: float, gyr: FloatArray, acc: FloatArray, clipped: Clipped = NONE
+        self,
+        step_s: float,
+        gyr: FloatArray,
+        acc: FloatArray,
+        clipped: Clipped = UNCLIPPED,
     ) -> Step:
         """To the next sample, of rates rad/s and forces m/s2 in the probe's frame."""
         last_gyr, last_acc = self._last if self._last is not None else (gyr, acc)
@@ -183,13 +187,13 @@ class ZeroVelocity:
             step_s, float(np.linalg.norm(pull)), float(np.linalg.norm(rate))
         )
         # The force is the mean of both samples.
-        is_force = clipped.force or self._was_clipped.force
+        is_force = clipped.force or self._was_force_clipped
         found[SPEED] += self._beyond[0].variance(is_force, acc - last_acc, step_s)
         found[ATTITUDE] += self._beyond[1].variance(
             clipped.rate, gyr - last_gyr, step_s
         )
         after[np.diag_indices(STATES)] += found
-        self._was_clipped = clipped
+        self._was_force_clipped = clipped.force
         after[BIAS, BIAS] += self._biased(step_s, acc) * EYE[:3, :3]
         self.covariance = after
         return Step(transition, before, after)
