@@ -20,12 +20,15 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "accuracy/recordings.py",
         "accuracy/recordings.py --board f405",
         "accuracy/groups.py",
+        "accuracy/groups.py --further",
     ),
     "honesty": (
         "whether stated errors of poses are true and useful",
         "honesty/desk.py",
         "honesty/grounds.py",
         "honesty/since_origin.py",
+        "honesty/since_origin.py --board f405",
+        "honesty/since_origin.py --recordings",
         "honesty/aims.py",
     ),
     "nano": (
@@ -44,6 +47,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
     "micropython": (
         "MicroPython on the virtual F405: rates, instructions, heap, pauses",
         "firmware/micropython.py",
+    ),
+    "pico": (
+        "the Pico's images: poses beside the host's, cycles; without data-ready",
+        "firmware/pico.py",
     ),
     "card": (
         "minutes of logging on the virtual F405, compared with its wire",

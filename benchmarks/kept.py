@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -61,11 +62,51 @@ def motions(found: Results) -> Results:
     demand(len(groups) > 10, f"{len(groups)} groups")
     return {
         which: {
-            board: {"groups": one["groups"], "figures": named(one["figures"])}
+            board: {
+                "groups": one["groups"],
+                "figures": named(one["figures"]),
+                "heading_half_outside": Counter(
+                    recording["room"]
+                    for recording in found["recordings"]
+                    if recording["board"] == board
+                    and recording["recipe"]["seed"] % 2 == SETS[which]
+                    and recording["coverage"]["heading"] < 0.5
+                ),
+            }
             for board, one in each.items()
         }
         for which, each in found["sets"].items()
     }
+
+
+def motions_further(found: Results) -> Results:
+    """Of accuracy/groups.py --further: the figures of each set of seeds."""
+    ones = [one for each in found.values() for one in each.values()]
+    demand(len(ones) == 2 * len(found), "one board")
+    fewest = min(one["recordings"] for one in ones)
+    demand(fewest >= 140, f"{fewest} recordings a set")
+    return found
+
+
+def since_origin(found: Results) -> Results:
+    """Of honesty/since_origin.py: lines by motion and seconds, and the least share."""
+    lines = found["lines"]
+    names = {line["motion"] for line in lines}
+    demand(found["set"] == "judging" and found["every"] == 1, "--set or --every")
+    whole = 21 if names == {"broad"} else 16 * 2
+    demand(found["runs"] >= whole and len(names) < 3, f"{found['runs']} runs")
+    kept: Results = {name: {} for name in sorted(names)}
+    for line in lines:
+        kept[line["motion"]][f"{line['after_s']:g}"] = line
+    shares = [line[kind]["inside"] for line in lines for kind in ("heading", "tilt")]
+    return kept | {"least_inside": min(shares)}
+
+
+def aims(found: Results) -> Results:
+    """Of honesty/aims.py: both sets, by room, hand and age of the origin."""
+    demand(found["seeds"] >= 16, f"{found['seeds']} seeds")
+    demand(found["sets"].keys() == SETS.keys(), f"sets {', '.join(found['sets'])}")
+    return {"sets": found["sets"]}
 
 
 def grounds(found: Results) -> Results:
@@ -104,9 +145,30 @@ def cycles(found: Results) -> Results:
     """Of firmware/cycles.py: the image, and each filter alone if it was measured."""
     demand(found["seconds"] == 120.0, f"{found['seconds']:g} s")
     kept: Results = {"figures": without_colons(found["figures"])}
-    if "engines" in found:
-        kept["engines"] = found["engines"]
+    for name in ("engines", "filters"):
+        if name in found:
+            kept[name] = found[name]
+    if "rates" in found:
+        kept["rates"] = {str(each["sample_hz"]): each for each in found["rates"]}
+    if "parts" in found:
+        kept["parts"] = {name: part["mean"] for name, part in found["parts"].items()}
     return kept
+
+
+def micropython(found: Results) -> Results:
+    """Of firmware/micropython.py: each run without what its program said."""
+    demand(found["seconds"] >= 20.0, f"{found['seconds']:g} s")
+    kept = without_colons(found)
+    for each in kept.values():
+        if isinstance(each, dict):
+            each.pop("told", None)
+    return kept
+
+
+def pico(found: Results) -> Results:
+    """Of firmware/pico.py: each run."""
+    demand(found["seconds"] >= 60.0, f"{found['seconds']:g} s")
+    return found
 
 
 def positions(found: Results) -> Results:
@@ -138,10 +200,22 @@ KEPT = {
     "recordings": Kept("accuracy", "accuracy.json", recordings),
     "recordings-f405": Kept("accuracy", "accuracy-f405.json", recordings),
     "motions": Kept("accuracy", "groups.json", motions),
+    "motions-further": Kept("accuracy", "groups-further.json", motions_further),
     "honesty-grounds": Kept("honesty", "honesty-grounds.json", grounds),
     "honesty-desk": Kept("honesty", "honesty-desk.json", desk),
+    "since-origin": Kept("honesty", "honesty-since-origin.json", since_origin),
+    "since-origin-f405": Kept(
+        "honesty", "honesty-since-origin-f405.json", since_origin
+    ),
+    "since-origin-recordings": Kept(
+        "honesty", "honesty-since-origin-recordings.json", since_origin
+    ),
+    "aims": Kept("honesty", "honesty-aims.json", aims),
     "nano": Kept("nano", "cycles.json", cycles),
+    "mega": Kept("mega", "cycles-mega.json", cycles),
     "f405": Kept("f405", "cycles-f405.json", cycles),
+    "micropython": Kept("micropython", "micropython.json", micropython),
+    "pico": Kept("pico", "pico.json", pico),
     "tip-positions": Kept("tip", "tip-positions.json", positions),
     "calibration": Kept("calibration", "calibration-cases.json", calibration.cases),
     "calibration-crowd": Kept(

@@ -2,12 +2,14 @@
 """Orientation errors on made recordings: our C and other filters, group by group.
 
 docs/motions.md describes the groups. Every filter runs on this machine, on the samples
-that the virtual boards would read. Seeds for tuning and for judging are kept apart.
+that the virtual boards would read. Seeds for tuning and for judging are kept apart;
+--further judges on odd seeds beyond both, without the pendulum to the east.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -22,13 +24,15 @@ from benchmarks.common.feed import sampled
 from benchmarks.common.paths import RESULTS
 from imud.params.trusted import known_to, place_of
 from imud.virtual.motion import Motion
-from imud.virtual.motions.groups import GROUPS, SETS, Recipe, recipes
+from imud.virtual.motions.groups import GROUPS, JUDGING, SETS, Recipe, recipes
 
 # The errors in the params of a module: those of SMALL and LARGE in
 # imud.virtual.motions.module, whose limits are root 3 times one sigma.
 KNOWN = {"small": (0.024, 0.4), "large": (0.08, 1.9), "crossed": (0.007, 0.05)}
 
 OUTPUT = RESULTS / "groups.json"
+FURTHER = RESULTS / "groups-further.json"
+FURTHER_SETS = 3
 
 
 def measure(
@@ -69,6 +73,30 @@ def measure_all(found: Sequence[Recipe], args: argparse.Namespace) -> list[Outco
     return [outcome for each in done for outcome in each]
 
 
+def measure_further(args: argparse.Namespace) -> None:
+    """Print and write the required figures of further seeds."""
+    judged = [each for each in recipes(JUDGING) if each.group in args.groups]
+    judged = [each for each in judged if each.group != groups_report.EAST]
+    span = 1 + max((each.seed for each in judged), default=0)
+    sets: dict[str, dict[str, object]] = {}
+    for index in range(1, 1 + FURTHER_SETS):
+        wanted = [Recipe(each.group, each.seed + index * span) for each in judged]
+        outcomes = measure_all(wanted, args)
+        for board in args.boards:
+            mine = [each for each in outcomes if each.board == board]
+            name = f"{1 + index * span} to {(1 + index) * span - 1}"
+            print(f"\nodd seeds {name}, {board}")
+            figures = list(groups_report.figures(mine))
+            report.print_figures(figures, is_judged=True)
+            sets.setdefault(name, {})[board] = {
+                "recordings": len(mine),
+                "worse": sum(each.is_worse for each in mine),
+                "figures": {figure.name: figure.value for figure in figures},
+            }
+    FURTHER.parent.mkdir(parents=True, exist_ok=True)
+    FURTHER.write_text(json.dumps(sets, indent=1) + "\n")
+
+
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
@@ -93,6 +121,9 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--each", action="store_true", help="also print a line for each recording"
     )
+    parser.add_argument(
+        "--further", action="store_true", help="judge on further odd seeds instead"
+    )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
     parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
     args = parser.parse_args(argv)
@@ -103,6 +134,9 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables and write the JSON; return 1 if a required figure is missed."""
     args = parse(argv)
+    if args.further:
+        measure_further(args)
+        return 0
     wanted = [
         recipe
         for which in args.sets

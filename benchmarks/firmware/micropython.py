@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common.paths import PROJECT
+from benchmarks.common.paths import PROJECT, RESULTS
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
@@ -24,7 +24,7 @@ from imud.wire.messages import Message, decode, encode
 BUILD = PROJECT / "build" / "micropython"
 MAINS = PROJECT / "tests" / "micropython" / "mains"
 IMAGES = ("fast", "madgwick", "memory", "memory_plain", "pause", "pause_plain")
-RESULT = PROJECT / "build" / "micropython.json"
+RESULT = RESULTS / "micropython.json"
 
 CLOCK_HZ = 168_000_000
 SETTLED = 3  # statuses until all that is sent once is sent
@@ -99,9 +99,9 @@ def measure(seconds: float) -> dict[str, Any]:
         "without, Madgwick": ("madgwick", ()),
         "without, Madgwick and raw": ("madgwick", tuple(orders(380))),
     }
-    result: dict[str, Any] = {
-        kind: run(name, seconds, *options) for kind, (name, options) in kinds.items()
-    }
+    result: dict[str, Any] = {"seconds": seconds}
+    for kind, (name, options) in kinds.items():
+        result[kind] = run(name, seconds, *options)
     for kind, name in (("module", ""), ("without", "_plain")):
         taken = [supply - 1 for supply in run(f"memory{name}", seconds)["told"]]
         result[f"{kind}: heap a second, bytes"] = max(taken)
@@ -123,6 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
         else:
             print(f"{kind:40}{row}")
+    RESULT.parent.mkdir(parents=True, exist_ok=True)
     RESULT.write_text(json.dumps(result, indent=2) + "\n")
 
 

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -187,10 +188,10 @@ def line_of(aims: Sequence[Aimed]) -> dict[str, float]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = parser_of(
-        __doc__, "python -m benchmarks.honesty.aims --quick", [*ROOMS], seeds=12, few=2
+        __doc__, "python -m benchmarks.honesty.aims --quick", [*ROOMS], seeds=16, few=2
     )
     args = parser.parse_args(argv)
-    lines: list[dict[str, object]] = []
+    sets: dict[str, dict[str, object]] = {}
     figures: list[Figure] = []
     with ProcessPoolExecutor(args.jobs) as pool:
         for kind in args.sets:
@@ -199,40 +200,42 @@ def main(argv: Sequence[str] | None = None) -> int:
             found = pool.map(partial(measure, board=args.board), runs)
             aims = [each for all_ in found for each in all_]
             print(f"\n{kind}: {len(aims)} aims")
-            lines += shown(aims, kind)
+            sets[kind] = line_of(aims) | shown(aims)
             figures += figures_of(aims, kind)
     output = output_of(args, "aims")
     output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(json.dumps(lines, indent=1))
+    output.write_text(json.dumps({"seeds": args.seeds, "sets": sets}, indent=1))
     report.print_figures(figures, is_judged=True)
     return int(any(each.verdict == "MISSED" for each in figures))
 
 
-def shown(aims: Sequence[Aimed], kind: str) -> Iterator[dict[str, object]]:
+def shown(aims: Sequence[Aimed]) -> dict[str, object]:
+    """Print and return lines by room, by what the hand does, by the origin's age."""
     print(
         f"{'':14}{'the hand':18}{'origin':>9}{'aims':>6}{'green':>8}"
         f"{'beyond':>9}{'on target':>11}{'green in 10 s':>15}"
     )
-    for room in ROOMS:
-        for miss in MISSES_DEG:
-            for low, high in zip((0.0, *AGES_S), AGES_S, strict=False):
-                mine = [
-                    each
-                    for each in aims
-                    if (each.room, each.miss) == (room, miss)
-                    and low <= each.age_s < high
-                ]
-                if not mine:
-                    continue
-                line = line_of(mine)
-                print(
-                    f"{room:14}{miss:18}{low:3.0f}-{high:3.0f} s{line['aims']:6.0f}"
-                    f"{100.0 * line['green_share']:6.1f} %"
-                    f"{100.0 * line['false_green_share']:7.2f} %"
-                    f"{line['on_target']:11.0f}{100.0 * line['reached_share']:13.1f} %"
-                )
-                about = {"set": kind, "room": room, "miss": miss, "to_s": high}
-                yield about | line
+    found: dict[str, object] = {}
+    ages = [*zip((0.0, *AGES_S), AGES_S, strict=False), (0.0, AGES_S[-1])]
+    for room, miss in product(ROOMS, MISSES_DEG):
+        lines: dict[str, dict[str, float]] = {}
+        for low, high in ages:
+            mine = [
+                each
+                for each in aims
+                if (each.room, each.miss) == (room, miss) and low <= each.age_s < high
+            ]
+            if not mine:
+                continue
+            line = lines[f"{low:.0f}-{high:.0f} s"] = line_of(mine)
+            print(
+                f"{room:14}{miss:18}{low:3.0f}-{high:3.0f} s{line['aims']:6.0f}"
+                f"{100.0 * line['green_share']:6.1f} %"
+                f"{100.0 * line['false_green_share']:7.2f} %"
+                f"{line['on_target']:11.0f}{100.0 * line['reached_share']:13.1f} %"
+            )
+        found[f"{room}, {miss}"] = lines
+    return found
 
 
 def figures_of(aims: Sequence[Aimed], kind: str) -> Iterator[Figure]:

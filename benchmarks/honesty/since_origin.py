@@ -3,9 +3,10 @@
 that lies still, and of one that a hand aims with.
 
 Every few seconds of a simulated motion is an origin (or of a recording, with
---recordings). At some times after each the change of
-the true error is compared with the stated one. Prints a line for each time, and writes
-build/benchmarks/honesty-since-origin.json. docs/pose.md explains the equations.
+--recordings). At some times after each the change of the true error is compared with
+the stated one. Prints a line for each time, and writes
+build/benchmarks/honesty-since-origin.json, or with -recordings and the board in its
+name. docs/since-origin.md explains the equations.
 """
 
 from __future__ import annotations
@@ -46,7 +47,6 @@ RECORDED_S = 15.0  # the same of recordings
 ORIGINS = 60  # of a motion: not more than are kept
 
 RECORDED = "broad"
-OUTPUT = RESULTS / "honesty-since-origin.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,10 +253,18 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         "--every", metavar="N", type=int, default=1, help="use one pose in N"
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
-    parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
+    parser.add_argument("--output", metavar="FILE", type=Path)
     args = parser.parse_args(argv)
     args.seeds = 3 if args.quick else args.seeds
     return args
+
+
+def output_of(args: argparse.Namespace) -> Path:
+    """Where the results go, unless --output says."""
+    board = "" if args.board == NANO.name else f"-{args.board}"
+    on = "" if args.recordings is None else "-recordings"
+    output: Path = args.output or RESULTS / f"honesty-since-origin{on}{board}.json"
+    return output
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -282,8 +290,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             for each, width in ((line.heading, 17), (line.tilt, 14))
         )
         print(f"{line.motion:6}{line.after_s:5.0f} s", *parts, sep="")
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps([asdict(line) for line in lines], indent=1))
+    output = output_of(args)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    asked = {"set": args.set, "every": args.every, "runs": len(found)}
+    document = asked | {"lines": [asdict(line) for line in lines]}
+    output.write_text(json.dumps(document, indent=1))
     if args.recordings is not None or {*args.motions} != {*aiming.MOTIONS}:
         return 0
     judged = [*figures(lines)]

@@ -151,3 +151,24 @@ def test_the_program_prints_tables_and_writes_json(
     (recording,) = document["recordings"]
     assert set(recording["scores"]) == {"host", "vqf", "madgwick"}
     assert (recording["room"], recording["module"]) == ("east", "crossed")
+
+
+def test_further_seeds_are_odd_ones_beyond_those_for_judging(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Recipe] = []
+
+    def measured(recipes: list[Recipe], _: object) -> list[Outcome]:
+        seen.extend(recipes)
+        return [outcome(each.group, each.seed, heading=2.9) for each in recipes]
+
+    monkeypatch.setattr(groups, "measure_all", measured)
+    monkeypatch.setattr(groups, "FURTHER", tmp_path / "further.json")
+    words = "--further --groups pendulum east_pendulum --boards nano"
+    assert groups.main(words.split()) == 0
+    assert {each.group for each in seen} == {"pendulum"}
+    assert [each.seed for each in seen] == [*range(29, 112, 2)]
+    document = json.loads((tmp_path / "further.json").read_text())
+    assert list(document) == ["29 to 55", "57 to 83", "85 to 111"]
+    for each in document.values():
+        assert (each["nano"]["recordings"], each["nano"]["worse"]) == (14, 14)

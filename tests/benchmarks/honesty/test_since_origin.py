@@ -71,7 +71,7 @@ def test_a_short_run_states_errors_that_hold(
     since_origin.main(
         f"--seeds 1 --motions aim --jobs 1 --every {every} --output {output}".split()
     )
-    lines = json.loads(output.read_text("utf-8"))
+    lines = json.loads(output.read_text("utf-8"))["lines"]
     assert [line["after_s"] for line in lines] == [1.0, 10.0, 30.0, 60.0, 120.0]
     for line in lines:
         assert line["heading"]["inside"] > 0.9
