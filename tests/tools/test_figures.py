@@ -26,7 +26,7 @@ UNCHECKED = {
 CHECKED = {"README", "accuracy", "check", "f405", "honesty", "security", "tip"}
 # Files of results that documents have places for, and that no run has written yet.
 AWAITED = {
-    *("motions", "calibration", "calibration-crowd", "calibration-rough"),
+    *("motions-further", "calibration", "calibration-crowd", "calibration-rough"),
     *("calibration-shops", "calibration-warm"),
 }
 
