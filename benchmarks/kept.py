@@ -28,6 +28,7 @@ from benchmarks.common.whole import (
     without_colons,
 )
 from benchmarks.host import parts as host
+from benchmarks.limb import parts as limb
 
 FOLDER = PROJECT / "benchmarks" / "results"
 DIGITS = 6  # significant ones of a float; documents show fewer
@@ -216,6 +217,9 @@ KEPT = {
     "f405": Kept("f405", "cycles-f405.json", cycles),
     "micropython": Kept("micropython", "micropython.json", micropython),
     "pico": Kept("pico", "pico.json", pico),
+    "limb-legs": Kept("limb", "limb.json", limb.legs),
+    "limb-chains": Kept("limb", "limb_chain.json", limb.chains),
+    "limb-feet": Kept("limb", "limb_feet.json", limb.feet),
     "tip-positions": Kept("tip", "tip-positions.json", positions),
     "calibration": Kept("calibration", "calibration-cases.json", calibration.cases),
     "calibration-crowd": Kept(

@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,8 @@ POSE_S = made_chain.STILL_S - 1.8, made_chain.STILL_S - 0.3  # as imud takes
 @dataclass(frozen=True, slots=True)
 class Score:
     """Of one joint: rms error of its angles, deg, and that of the peer, NaN if it has
-    none; the share inside the stated 95 %; rms of the stated error, deg.
+    none; the share inside the stated 95 %; rms of the stated error, deg; the share of
+    moments at which the angle is withheld.
     """
 
     kind: str
@@ -52,6 +54,7 @@ class Score:
     plain: float
     inside: float
     stated: float
+    withheld: float
 
 
 def measured(made: Made) -> session.BodyAnalysis:
@@ -84,11 +87,17 @@ def scored(made: Made, found: session.BodyAnalysis) -> list[Score]:
         off = (seen - truth + np.pi) % (2.0 * np.pi) - np.pi
         good = np.isfinite(off).all(axis=1) & rows
         sigmas = found.posture.sigmas[child.name][good]
+        withheld = 1.0 - good.sum() / rows.sum()
+        if not good.any():
+            nan = math.nan
+            scores.append(Score(child.kind, nan, plain, nan, nan, withheld))
+            continue
         is_in = np.abs(off[good]) <= SIGMAS * sigmas
         rms, stated = (
             float(np.degrees(np.sqrt((each**2).mean()))) for each in (off[good], sigmas)
         )
-        scores.append(Score(child.kind, rms, plain, float(is_in.mean()), stated))
+        inside = float(is_in.mean())
+        scores.append(Score(child.kind, rms, plain, inside, stated, withheld))
     return scores
 
 
@@ -130,27 +139,50 @@ def upright(made: Made, found: Posture) -> dict[str, FloatArray]:
     return {name: rotation.multiply(each, facing) for name, each in stood.items()}
 
 
-def table_of(scores: Sequence[Score]) -> str:
+def summary(scores: Sequence[Score]) -> dict[str, dict[str, Any]]:
+    """By kind of joint: root mean squares and the worst, and how many hinges are worse
+    than with the plain correction.
+    """
+    found = {}
+    for kind in dict.fromkeys(each.kind for each in scores):
+        some = [each for each in scores if each.kind == kind and each.withheld < 1.0]
+        plain = [each for each in some if math.isfinite(each.plain)]
+        worse = [each.rms - each.plain for each in plain if each.rms > each.plain]
+        found[kind] = {
+            "joints": sum(each.kind == kind for each in scores),
+            "never stated": sum(e.kind == kind and e.withheld == 1.0 for e in scores),
+            "withheld": float(np.mean([e.withheld for e in scores if e.kind == kind])),
+            "rms": rms_of([each.rms for each in some]),
+            "worst": max((each.rms for each in some), default=None),
+            "stated": rms_of([each.stated for each in some]),
+            "inside": float(np.mean([each.inside for each in some])) if some else None,
+            "plain rms": rms_of([each.plain for each in plain]),
+            "plain worst": max((each.plain for each in plain), default=None),
+            "worse than plain": len(worse),
+            "worse by": max(worse, default=0.0),
+        }
+    return found
+
+
+def rms_of(values: Sequence[float]) -> float | None:
+    return float(np.sqrt(np.mean(np.square(values)))) if values else None
+
+
+def table_of(found: Mapping[str, Mapping[str, Any]]) -> str:
     """A line for each kind of joint."""
     lines = []
-    for kind in dict.fromkeys(each.kind for each in scores):
-        some = [each for each in scores if each.kind == kind]
-        rms, stated = (
-            float(np.sqrt(np.mean([value**2 for value in values])))
-            for values in ([e.rms for e in some], [e.stated for e in some])
-        )
-        line = (
-            f"  {kind:10} {rms:5.2f} (worst {max(e.rms for e in some):5.2f}) of "
-            f"{len(some):2}, stated {stated:5.2f}, inside "
-            f"{100.0 * float(np.mean([e.inside for e in some])):5.1f} %"
-        )
-        plain = [e.plain for e in some if math.isfinite(e.plain)]
-        if plain:
-            worse = [e.rms - e.plain for e in some if e.rms > e.plain]
-            mean = float(np.sqrt(np.mean(np.square(plain))))
+    for kind, row in found.items():
+        line = f"  {kind:10} of {row['joints']:2}, {row['never stated']} never stated"
+        if row["rms"] is not None:
             line += (
-                f"; plain 1D {mean:5.2f} (worst {max(plain):5.2f}), "
-                f"ahead in {len(worse)} by {max(worse, default=0.0):.2f} at most"
+                f": {row['rms']:5.2f} (worst {row['worst']:5.2f}), stated "
+                f"{row['stated']:5.2f}, inside {100.0 * row['inside']:5.1f} %, "
+                f"withheld {100.0 * row['withheld']:.1f} %"
+            )
+        if row["plain rms"] is not None:
+            line += (
+                f"; plain 1D {row['plain rms']:5.2f} (worst {row['plain worst']:5.2f}),"
+                f" ahead in {row['worse than plain']} by {row['worse by']:.2f} at most"
             )
         lines.append(line)
     return "\n".join(lines)
@@ -160,17 +192,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = parser_of(__doc__, SETS, OUTPUT)
     parser.add_argument("--seconds", metavar="S", type=float, default=60.0)
     args = parser.parse_args(argv)
-    report = {}
+    sets: dict[str, Any] = {}
     for name in args.sets:
+        sets[name] = {}
         for how, is_loose, is_upright in WAYS:
             what = f"{name}, {how}"
             progress = Progress(what, len(SETS[name]) * len(KINDS))
             rows = []
             for seed in SETS[name]:
-                for joints in KINDS.values():
+                for kinds_of_joints in KINDS.values():
                     made = made_chain.made(
                         seed,
-                        joints,
+                        kinds_of_joints,
                         args.seconds,
                         is_loose=is_loose,
                         is_upright=is_upright,
@@ -178,10 +211,13 @@ def main(argv: Sequence[str] | None = None) -> int:
                     rows += scored(made, measured(made))
                     progress.advance()
             progress.end()
-            report[what] = [asdict(each) for each in rows]
+            kinds = summary(rows)
+            joints = [asdict(each) for each in rows]
+            sets[name][how] = {"seeds": len(SETS[name]), "kinds": kinds, "rows": joints}
             print(f"{what}: rms of angles in degrees")
-            print(table_of(rows), flush=True)
+            print(table_of(kinds), flush=True)
     args.output.parent.mkdir(parents=True, exist_ok=True)
+    report = {"seconds": args.seconds, "sets": sets}
     args.output.write_text(json.dumps(report, indent=1))
     return 0
 

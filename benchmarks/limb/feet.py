@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from benchmarks.common.options import parser_of
 from benchmarks.common.paths import RESULTS
-from benchmarks.limb import made_gait
+from benchmarks.limb import made_gait, peers
 from benchmarks.limb.made_gait import (
     BARE,
     GAITS,
@@ -39,6 +40,10 @@ OUTPUT = RESULTS / "limb_feet.json"
 SETS = {"tuning": range(5), "judging": range(400, 412)}
 STRIDES = 30
 SIGMAS = 1.96
+HEADER = (
+    "gait            rests  by thresholds  false  off: mean, worst  inside  m: true, "
+    "stated"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,7 @@ CASES = {name: Case([gait] * STRIDES, USUAL_SENSOR) for name, gait in GAITS.item
     "mixed, bare": Case(made_gait.mixed(), BARE),
     "sprint, bare": Case([GAITS["sprint"]] * STRIDES, BARE),
     "run, narrow": Case([GAITS["run"]] * STRIDES, NARROW),
+    "mixed, narrow": Case(made_gait.mixed(), NARROW),
 }
 
 
@@ -68,6 +74,7 @@ class Score:
 
     rests: int
     found: int
+    by_thresholds: int  # of the rests those that fixed thresholds find
     false: int
     off: float
     inside: float
@@ -92,8 +99,13 @@ def score(walk: Walk) -> Score:
     """Without a compass, the truth is turned to the heading of the path's start."""
     track = track_of(walk)
     found = contact.path(track)
-    spans = [(found.times_s[a], found.times_s[b]) for a, b in found.rests]
-    meets = [[b < end and e > begin for b, e in spans] for begin, end in walk.contacts]
+    meets, peers_meet = (
+        [[b < end and e > begin for b, e in spans] for begin, end in walk.contacts]
+        for spans in (
+            [(found.times_s[a], found.times_s[b]) for a, b in found.rests],
+            peers.rests_by_thresholds(track),
+        )
+    )
     truth = true_path(walk, found, track)
     last = found.rests[-1][0]
     at = [int(np.searchsorted(walk.times_s, begin)) for begin, _ in walk.contacts]
@@ -104,6 +116,7 @@ def score(walk: Walk) -> Score:
     return Score(
         rests=len(meets),
         found=sum(map(any, meets)),
+        by_thresholds=sum(map(any, peers_meet)),
         false=sum(not any(column) for column in zip(*meets, strict=True)),
         off=float(np.linalg.norm(off[last]) / way),
         inside=float(is_in.mean()),
@@ -123,18 +136,34 @@ def true_path(walk: Walk, found: FootPath, track: Track) -> FloatArray:
     return np.asarray(rotation.rotate(heading.about_up(turn), truth))
 
 
-def line_of(name: str, scores: Sequence[Score]) -> str:
-    share = sum(each.found for each in scores) / sum(each.rests for each in scores)
+def summary(scores: Sequence[Score]) -> dict[str, float]:
+    """Over the feet of a line: shares, means, the worst, and root mean squares."""
+    rests = sum(each.rests for each in scores)
     off = [each.off for each in scores]
-    true, stated = (
+    true_m, stated_m = (
         float(np.sqrt(np.mean([getattr(each, key) ** 2 for each in scores])))
         for key in ("true_m", "stated_m")
     )
+    return {
+        "feet": len(scores),
+        "found": sum(each.found for each in scores) / rests,
+        "by thresholds": sum(each.by_thresholds for each in scores) / rests,
+        "false": sum(each.false for each in scores),
+        "off mean": float(np.mean(off)),
+        "off worst": max(off),
+        "inside": float(np.mean([each.inside for each in scores])),
+        "least inside": min(each.inside for each in scores),
+        "true m": true_m,
+        "stated m": stated_m,
+    }
+
+
+def line_of(name: str, row: Mapping[str, float]) -> str:
     return (
-        f"{name:12} {100 * share:6.1f} % {sum(each.false for each in scores):5} "
-        f"{100 * float(np.mean(off)):6.2f} % {100 * max(off):6.2f} % "
-        f"{100 * float(np.mean([each.inside for each in scores])):6.1f} % "
-        f"{true:6.2f} {stated:6.2f}"
+        f"{name:13} {100 * row['found']:6.1f} % {100 * row['by thresholds']:6.1f} % "
+        f"{row['false']:5} {100 * row['off mean']:6.2f} % "
+        f"{100 * row['off worst']:6.2f} % {100 * row['inside']:6.1f} % "
+        f"{row['true m']:6.2f} {row['stated m']:6.2f}"
     )
 
 
@@ -142,20 +171,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = parser_of(__doc__, SETS, OUTPUT)
     parser.add_argument("--feet", metavar="N", type=int, help="only N of each set")
     args = parser.parse_args(argv)
-    report = {}
+    report: dict[str, Any] = {}
     for name in args.sets:
         seeds = SETS[name][: args.feet]
         progress = Progress(f"{len(seeds)} feet", len(seeds) * len(CASES))
         print(f"{name}: {len(seeds)} feet a line")
-        print("gait          rests   false   off: mean, worst   inside   m: true, said")
+        print(HEADER)
+        report[name] = {}
         for label, case in CASES.items():
             scores = []
             for seed in seeds:
                 scores.append(measure_case(case, seed))
                 progress.advance()
             progress.wipe()
-            print(line_of(label, scores))
-            report[f"{name} {label}"] = [asdict(each) for each in scores]
+            row = summary(scores)
+            print(line_of(label, row), flush=True)
+            report[name][label] = row | {"rows": [asdict(each) for each in scores]}
         progress.end()
     args.output.parent.mkdir(parents=True, exist_ok=True)
     args.output.write_text(json.dumps(report, indent=1))

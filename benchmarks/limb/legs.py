@@ -12,6 +12,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -165,20 +166,30 @@ def measure(seed: int, walk_s: float) -> dict[str, Row]:
     return rows
 
 
-def table_of(rows: Sequence[dict[str, Row]]) -> str:
-    """A table: the mean over the legs, for each method."""
+def summary(rows: Sequence[dict[str, Row]]) -> dict[str, Any]:
+    """Over the legs: means by method; of those aligned by motion the worst values."""
+    means = {
+        name: {key: float(np.mean([each[name][key] for each in rows])) for key in first}
+        for name, first in rows[0].items()
+    }
+    ours = [each["motion"] for each in rows]
+    worst = {key: max(each[key] for each in ours) for key in ours[0]}
+    worst["inside"] = min(each["inside"] for each in ours)
+    return {"legs": len(rows), "means": means, "worst": worst}
+
+
+def table_of(found: Mapping[str, Any]) -> str:
+    """A table of the means, for each method."""
+    means = found["means"]
     keys = [f"{joint} {plane}" for joint in JOINTS for plane in PLANES]
     lines = [" " * 20 + " ".join(f"{key:>16}" for key in keys) + "   inside"]
-    for name in rows[0]:
-        means = [np.mean([each[name][key] for each in rows]) for key in keys]
-        share = np.mean([each[name].get("inside", np.nan) for each in rows])
-        cells = " ".join(f"{mean:16.2f}" for mean in means)
-        lines.append(f"{name:20}{cells}   {100 * share:5.1f} %")
-    apart = max(each["motion"]["apart ms"] for each in rows)
+    for name, row in means.items():
+        cells = " ".join(f"{row[key]:16.2f}" for key in keys)
+        lines.append(f"{name:20}{cells}   {100 * row.get('inside', np.nan):5.1f} %")
+    apart = found["worst"]["apart ms"]
     lines.append(f"time between probes, p99 of the worst leg: {apart:.2f} ms")
     for key in ("stride median", "stride p95"):
-        share = np.mean([each["motion"][key] for each in rows])
-        lines.append(f"{key}: {100 * share:.1f} %")
+        lines.append(f"{key}: {100 * means['motion'][key]:.1f} %")
     return "\n".join(lines)
 
 
@@ -187,7 +198,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--walk", metavar="S", type=float, default=60.0)
     parser.add_argument("--legs", metavar="N", type=int, help="only N of each set")
     args = parser.parse_args(argv)
-    report = {}
+    sets = {}
     for name in args.sets:
         seeds = SETS[name][: args.legs]
         progress = Progress(f"{len(seeds)} legs", len(seeds))
@@ -196,10 +207,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             rows.append(measure(seed, args.walk))
             progress.advance()
         progress.end()
-        report[name] = rows
+        sets[name] = summary(rows) | {"rows": rows}
         print(f"{name}: {len(seeds)} legs, rms in degrees, {args.walk:g} s of walking")
-        print(table_of(rows))
+        print(table_of(sets[name]))
     args.output.parent.mkdir(parents=True, exist_ok=True)
+    report = {"walk_s": args.walk, "sets": sets}
     args.output.write_text(json.dumps(report, indent=1))
     return 0
 

@@ -16,10 +16,13 @@ from imud.body.tracks import Track
 from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.virtual.leg_probes import USUAL
-from imud.virtual.motion import Motion
+from imud.virtual.motion import GRAVITY_M_S2, Motion
 
 STOOD_S = (1.0, 5.5)
 HEADING_S = 5.0  # time constant of the heading between two probes
+# Below both a foot rests; a shorter rest is none, a shorter swing ends none.
+RATE_MAX_RAD_S, FORCE_MAX_M_S2 = np.radians(40.0), 1.5
+REST_S, SWING_S = 0.12, 0.15
 
 
 def opensense(feeds: Mapping[str, Feed], times_s: FloatArray) -> Posture:
@@ -70,6 +73,23 @@ def one_degree(parent: Motion, child: Motion, pose: tuple[float, float]) -> Floa
     (_, angle) = min(found, key=lambda each: each[0])
     stood = (tracks[0].times_s >= pose[0]) & (tracks[0].times_s < pose[1])
     return np.unwrap(angle) - float(np.angle(np.exp(1j * angle[stood]).mean()))
+
+
+def rests_by_thresholds(track: Track) -> list[tuple[float, float]]:
+    """From and to, s, of each rest of a foot, by fixed thresholds."""
+    assert track.acc is not None
+    off = np.abs(np.linalg.norm(track.acc, axis=1) - GRAVITY_M_S2)
+    rates = np.linalg.norm(track.gyr, axis=1)
+    is_calm = (rates < RATE_MAX_RAD_S) & (off < FORCE_MAX_M_S2)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_calm, [0]])))
+    found: list[tuple[float, float]] = []
+    for first, end in edges.reshape(-1, 2).tolist():
+        begin_s, end_s = float(track.times_s[first]), float(track.times_s[end - 1])
+        if found and begin_s - found[-1][1] < SWING_S:
+            found[-1] = found[-1][0], end_s
+        else:
+            found.append((begin_s, end_s))
+    return [each for each in found if each[1] - each[0] >= REST_S]
 
 
 def _inertial(motion: Motion) -> Track:

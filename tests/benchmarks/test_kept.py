@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks import kept
 from benchmarks.calibration import parts
+from benchmarks.limb import parts as limb
 
 
 def test_each_results_file_is_written_by_a_benchmark() -> None:
@@ -42,6 +43,10 @@ def test_each_results_file_is_written_by_a_benchmark() -> None:
         (parts.rough, {"judging": {"modules": 5}}),
         (parts.warm, {"set": "judging", "modules": 2}),
         (parts.turns, {"tuning": []}),
+        (limb.legs, {"walk_s": 9.0}),
+        (limb.legs, {"walk_s": 60.0, "sets": {"judging": {"legs": 10}}}),
+        (limb.chains, {"seconds": 60.0, "sets": {"tuning": {}}}),
+        (limb.feet, {"judging": {"stroll": {"feet": 3}}}),
     ],
 )
 def test_partial_results_are_refused(part, found) -> None:
