@@ -92,7 +92,9 @@ BENCHES: dict[str, tuple[str, ...]] = {
     "strokes": (
         "how well strokes are measured: a simulated hand, the firmware's C",
         "strokes/on_host.py",
+        "strokes/on_host.py --board nano",
         "strokes/on_board.py",
+        "strokes/thesis.py",
     ),
     "tip": (
         "how well the tip is found: a simulated hand that wobbles the probe",

@@ -29,6 +29,8 @@ from benchmarks.common.whole import (
 )
 from benchmarks.host import parts as host
 from benchmarks.limb import parts as limb
+from benchmarks.strokes import parts as strokes
+from benchmarks.tip import parts as tip
 
 FOLDER = PROJECT / "benchmarks" / "results"
 DIGITS = 6  # significant ones of a float; documents show fewer
@@ -217,6 +219,12 @@ KEPT = {
     "f405": Kept("f405", "cycles-f405.json", cycles),
     "micropython": Kept("micropython", "micropython.json", micropython),
     "pico": Kept("pico", "pico.json", pico),
+    "strokes": Kept("strokes", "strokes.json", strokes.strokes),
+    "strokes-nano": Kept("strokes", "strokes-nano.json", strokes.strokes),
+    "strokes-image-f405": Kept("strokes", "strokes-image-f405.json", strokes.image),
+    "strokes-image-mega": Kept("mega", "strokes-image-mega.json", strokes.image),
+    "strokes-thesis": Kept("strokes", "strokes-thesis.json", strokes.compared),
+    "tip": Kept("tip", "tip.json", tip.wobbles),
     "limb-legs": Kept("limb", "limb.json", limb.legs),
     "limb-chains": Kept("limb", "limb_chain.json", limb.chains),
     "limb-feet": Kept("limb", "limb_feet.json", limb.feet),

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: MIT
 """Strokes through a board's image on the virtual board: their errors, whether the
-C on this machine computes the same bits, and what they cost in cycles.
+C on this machine computes the same bits, and what they cost in cycles. Prints tables
+and writes build/benchmarks/strokes-image-BOARD.json.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -18,10 +22,19 @@ import numpy as np
 from benchmarks.common import capture as captures
 from benchmarks.common.boards import F405, STROKING, Board
 from benchmarks.common.capture import Capture
-from benchmarks.common.figure import Figure
+from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.images import RunFailed, build
+from benchmarks.common.paths import RESULTS
 from benchmarks.strokes import on_host
-from benchmarks.strokes.runs import Found, Run, found_of, heading_of, params_of, run_of
+from benchmarks.strokes.runs import (
+    Case,
+    Found,
+    Run,
+    found_of,
+    heading_of,
+    params_of,
+    run_of,
+)
 from imud.errors import ImudError
 from imud.stages.twin import Twin
 from imud.stages.twin_outcomes import TwinState
@@ -37,8 +50,10 @@ COSTS = ("cycles_mean", "cycles_worst", "flash", "ram")
 FLAG = "-DPOSE_WITHOUT_STROKES"
 
 
-def sent(board: Board, image: Path, run: Run) -> Capture:
-    """What the image sends on a run's motion."""
+def sent(
+    board: Board, image: Path, run: Run, pose_rate_hz: int | None = None
+) -> Capture:
+    """What the image sends on a run's motion; by default at its initial rate."""
     downs = [(time_s, is_down) for time_s, is_down in run.presses()]
     options: list[str] = []
     for (start_s, _), (end_s, _) in zip(downs[::2], downs[1::2], strict=True):
@@ -51,7 +66,10 @@ def sent(board: Board, image: Path, run: Run) -> Capture:
         felt = Path(folder) / "felt.npz"
         run.felt.save(felt)
         capture = captures.run(
-            board.name, felt, options, image=image, params=params_of(run.case)
+            *(board.name, felt, options),
+            image=image,
+            pose_rate_hz=pose_rate_hz,
+            params=params_of(run.case),
         )
     if capture.feed.start_us != MOTION_FROM_US:
         raise RunFailed(f"the motion began at {capture.feed.start_us} us")
@@ -93,19 +111,25 @@ def without_strokes(board: Board, folder: Path) -> Path:
     return folder / board.environment / "firmware.elf"
 
 
-def print_costs(board: Board, image: Path) -> None:
-    """Cycles a sample of the image, and of one built without strokes."""
-    case = next(each for each in on_host.CASES if each.name == COUNTED)
-    run = run_of(case, 1000 * on_host.CASES.index(case) + 1, board.chip)
+def costs_of(board: Board, image: Path) -> dict[str, dict[str, float]]:
+    """What a case costs the image, and one that is built without strokes."""
+    run = run_of(*named(COUNTED), board.chip)
+    found = {"with": sent(board, image, run).summary}
     with tempfile.TemporaryDirectory() as folder:
         other = without_strokes(board, Path(folder))
-        for name, each in (("with strokes", image), ("without", other)):
-            summary = sent(board, each, run).summary
-            words = (
-                f"{summary[key]:.0f}"
-                for key in ("cycles_mean", "cycles_worst", "flash", "ram")
-            )
-            print(f"{name:16}" + "".join(f"{word:>10}" for word in words))
+        found["without"] = sent(board, other, run).summary
+    return {name: {key: each[key] for key in COSTS} for name, each in found.items()}
+
+
+def named(name: str, number: int = 0) -> tuple[Case, int]:
+    """The case of this name, and the seed of one of its runs."""
+    case = next(each for each in on_host.CASES if each.name == name)
+    return case, 1000 * on_host.CASES.index(case) + SETS["judging"] + 2 * number
+
+
+def worst_of(captures: Sequence[Capture]) -> float:
+    """The cycles of the worst sample."""
+    return max(float(each.summary["cycles_worst"]) for each in captures)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -118,24 +142,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     board = STROKING[args.board]
     image = args.image or build(board.environment)
-    figures: list[Figure] = []
     unequal = 0
-    print(on_host.HEAD)
-    for case in on_host.CASES:
-        if case.name not in CASES:
-            continue
-        first = 1000 * on_host.CASES.index(case)
-        runs = []
-        for seed in range(1, 2 * args.runs, 2):
-            run = run_of(case, first + seed, board.chip)
-            capture = sent(board, image, run)
-            runs.append(found_by(capture, run))
-            unequal += differing(capture)
-        print(on_host.show(on_host.row_of(case, runs)), flush=True)
-    figures.append(Figure("poses and strokes of other bits", unequal, (0, 0), (0, 0)))
-    print(*figures, sep="\n")
-    print("\ncycles a sample:      mean     worst     flash       RAM")
-    print_costs(board, image)
+    rows: list[dict[str, Any]] = []
+    print(f"{on_host.HEAD}  cycles of the worst sample; with a tip and every pose")
+    for name in CASES:
+        runs = [run_of(*named(name, number), board.chip) for number in range(args.runs)]
+        tipped = replace(runs[0], case=replace(runs[0].case, has_tip=True))
+        each = [sent(board, image, run) for run in runs]
+        every = sent(board, image, tipped, round(board.chip.rate_hz))
+        unequal += sum(map(differing, [*each, every]))
+        row = on_host.row_of(runs[0].case, list(map(found_by, each, runs)))
+        worst, worst_tip = worst_of(each), worst_of([every])
+        rows.append(row | {"cycles_worst": worst, "cycles_worst_tip": worst_tip})
+        print(f"{on_host.show(row)}{worst:10.0f}{worst_tip:10.0f}", flush=True)
+    print(Figure("poses and strokes of other bits", unequal, (0, 0), (0, 0)))
+    costs = costs_of(board, image)
+    print(f"\n{COUNTED:22}" + "".join(f"{key:>14}" for key in COSTS))
+    for name, cost in costs.items():
+        print(f"{name:22}" + "".join(f"{cost[key]:>14.0f}" for key in COSTS))
+    output = RESULTS / f"strokes-image-{board.name}.json"
+    output.parent.mkdir(parents=True, exist_ok=True)
+    report = {"runs": args.runs, "rows": rows, "other_bits": unequal, "costs": costs}
+    output.write_text(json.dumps(report, indent=1))
     return 1 if unequal else 0
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """How well strokes are measured: a simulated hand, the firmware's C on this machine.
 
-Prints tables and writes build/benchmarks/strokes.json. Seeds are kept apart: those of
---set tuning were looked at while the method was made, those of judging were not.
-docs/strokes-methods.md explains the columns.
+Prints tables and writes build/benchmarks/strokes.json, of a Nano strokes-nano.json.
+Seeds are kept apart: those of --set tuning were looked at while the method was made,
+those of judging were not. docs/strokes-methods.md explains the columns.
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ from benchmarks.common.paths import RESULTS
 from benchmarks.strokes.runs import ACC_DENSITY, Case, Found, measure, run_of
 from imud.progress import Progress
 from imud.virtual.stroking import A4, CIRCLE, Plan
-
-OUTPUT = RESULTS / "strokes.json"
 
 
 def corners(found: Found, *, is_closed: bool) -> float:
@@ -55,6 +53,8 @@ PATHS = [
     Case("circle of 20 cm, 8 x 0.75 s", Plan(seconds=0.75, corners=CIRCLE)),
 ]
 CASES = [*STROKES, *PATHS]
+
+CLOSED = {False: "as measured", True: "closed"}
 
 # Share of strokes under 1 cm in %, of the issue: must and goal.
 LIMITS = {
@@ -123,17 +123,24 @@ def figures_of(rows: Sequence[dict[str, float | str]]) -> Iterator[Figure]:
         yield Figure(f"{name}: inside 95 %, %", inside, (90, 99), (93, 97))
 
 
-def path_figures(case: Case, runs: Sequence[Found]) -> Iterator[Figure]:
-    for is_closed in (False, True):
-        limits = PATH_LIMITS.get((case.name, is_closed))
-        whole = [run for run in runs if len(run.errors) == case.plan.strokes]
+def corners_of(case: Case, runs: Sequence[Found]) -> dict[str, float]:
+    """The rms error of a path's corners, cm: of all runs with all of their strokes."""
+    whole = [run for run in runs if len(run.errors) == case.plan.strokes]
+    found = {}
+    for is_closed, name in CLOSED.items():
         rms = [100.0 * corners(run, is_closed=is_closed) for run in whole]
-        closed = "closed" if is_closed else "as measured"
-        must, goal = limits or (np.inf, np.inf)
+        found[f"{name}, median"] = float(np.median(rms))
+        found[f"{name}, p95"] = float(np.quantile(rms, 0.95))
+    return found
+
+
+def path_figures(name: str, found: dict[str, float]) -> Iterator[Figure]:
+    for is_closed, closed in CLOSED.items():
+        must, goal = PATH_LIMITS.get((name, is_closed), (np.inf, np.inf))
         yield Figure(
-            f"{case.name}, {closed}: corners, p95, cm",
-            *(float(np.quantile(rms, 0.95)), (0, must), (0, goal)),
-            f"median {np.median(rms):.2f}",
+            f"{name}, {closed}: corners, p95, cm",
+            *(found[f"{closed}, p95"], (0, must), (0, goal)),
+            f"median {found[f'{closed}, median']:.2f}",
         )
 
 
@@ -148,14 +155,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=F405.name,
         help="whose samples; the host computes the strokes of a Nano",
     )
-    parser.add_argument("--output", type=Path, default=OUTPUT)
+    parser.add_argument("--output", type=Path)
     args = parser.parse_args(arguments)
+    name = "strokes" if args.board == F405.name else f"strokes-{args.board}"
+    output = args.output or RESULTS / f"{name}.json"
     cases = [each for each in CASES if args.only in each.name]
     # The daemon tells the C of another board than a Nano, where it computes strokes.
     chip = replace(BOARDS[args.board].chip, board=F405.name)
     seeds = [SETS[args.set] + 2 * run for run in range(args.runs)]
     progress = Progress("strokes", len(cases))
     rows: list[dict[str, float | str]] = []
+    paths: dict[str, dict[str, float]] = {}
     figures: list[Figure] = []
     print(HEAD)
     for number, case in enumerate(cases):
@@ -164,18 +174,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows.append(row_of(case, runs))
         print(show(rows[-1]), flush=True)
         if case in PATHS:
-            figures += path_figures(case, runs)
+            paths[case.name] = corners_of(case, runs)
+            figures += path_figures(case.name, paths[case.name])
         progress.update(number + 1)
     figures += figures_of(rows)
     print(*figures, sep="\n")
-    args.output.parent.mkdir(parents=True, exist_ok=True)
+    output.parent.mkdir(parents=True, exist_ok=True)
     report = {
         "set": args.set,
         "board": args.board,
         "rows": rows,
+        "paths": paths,
         "figures": [asdict(each) for each in figures],
     }
-    args.output.write_text(json.dumps(report, indent=1))
+    output.write_text(json.dumps(report, indent=1))
     return 1 if any(each.verdict == "MISSED" for each in figures) else 0
 
 
