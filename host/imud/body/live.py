@@ -79,7 +79,7 @@ class LiveBody:
         }
         self.stage: Stage = "waiting"
         self.instruction: str | None = None
-        self.remarks: list[str] = []
+        self._added: list[str] = []  # remarks since the alignment
         self._doubts = 0  # looks in a row at which probes seemed swapped
         self._begun_s = -math.inf  # of the poses that an alignment may use
         self._looked_s = -math.inf
@@ -117,6 +117,12 @@ class LiveBody:
             segments=self._segments(shown, presences, now_s),
             joints=self._joints(shown),
         )
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Remarks on the alignment, and on the probes since then."""
+        known = self._alignment.remarks if self._alignment is not None else ()
+        return (*known, *self._added)
 
     def _presence(self, segment: Segment, now_s: float) -> Presence:
         history = self.histories.get(segment.probe or "")
@@ -225,9 +231,7 @@ class LiveBody:
 
     def _take(self, done: Alignment, time_s: float) -> None:
         """An alignment, or one with better zeros."""
-        before = self._alignment.remarks if self._alignment is not None else ()
-        kept = [each for each in self.remarks if each not in before]
-        self._alignment, self.remarks = done, [*done.remarks, *kept]
+        self._alignment = done
         # Forces at a joint's centre need samples before and after: not live.
         self._known = {n: replace(each, arms=None) for n, each in done.known.items()}
         since_s = time_s - done.pose[0]
@@ -239,8 +243,8 @@ class LiveBody:
     def _end_zeros(self) -> None:
         """Looks for zeros no more; those that are unknown stay so."""
         self._zeroed_s = math.inf
-        if zero.remarks(self.chain, self._mounts):
-            self.remarks.append(LOST)
+        if self._alignment is not None and self._alignment.on_zeros:
+            self._added.append(LOST)
         for history in self.histories.values():
             history.kept_s = RUN_S
 
@@ -265,7 +269,7 @@ class LiveBody:
         except AlignmentRefused as refused:
             self._doubts += 1
             if self._doubts == SWAPPED_LOOKS:
-                self.remarks.append(str(refused))
+                self._added.append(str(refused))
         else:
             self._doubts = 0
 

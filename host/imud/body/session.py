@@ -49,14 +49,20 @@ class Alignment:
     """How the probes sit, joints about any axes by child, remarks for people.
 
     `pose`: from and to, s, in which angles about any axes are 0. `upright`: the mounts
-    without a zero.
+    without a zero. `on_motion`, `on_zeros`: remarks on the motion that aligns, and on
+    zeros that no motion has shown.
     """
 
     mounts: Mapping[str, Mount]
     known: Mapping[str, JointModel]
-    remarks: tuple[str, ...]
+    on_motion: tuple[str, ...]
     pose: tuple[float, float]
     upright: Mapping[str, Mount]
+    on_zeros: tuple[str, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        return (*self.on_motion, *self.on_zeros)
 
 
 def of(
@@ -127,12 +133,11 @@ def zeroed(
     mounts = zero.mounted(
         chain, found, begun.known, begun.pose, begun.upright, facing_rad
     )
-    told = [each for each in begun.remarks if zero.WORDS not in each]
     return replace(
         begun,
         mounts=mounts,
         known=zero.signed(begun.known, mounts, chain),
-        remarks=(*told, *zero.remarks(chain, mounts)),
+        on_zeros=tuple(zero.remarks(chain, mounts)),
     )
 
 

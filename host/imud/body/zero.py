@@ -26,7 +26,6 @@ UPRIGHT = rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]
 
 Pose = tuple[float, float]  # from and to, s
 
-WORDS = "the zero of its"
 KNOWN = math.radians(5.0)  # a better known zero needs no more motion
 
 
@@ -87,24 +86,29 @@ def mounted(
 def remarks(chain: Chain, mounts: Mapping[str, Mount]) -> list[str]:
     """The angles without a zero, and the motion that would show it."""
     return [
-        f"{child.name}: {WORDS} {_what(child)} is unknown: turn the whole limb "
+        f"{child.name}: the zero of its {_what(child)} is unknown: turn the whole limb "
         f"until the axis between {parent.name} and {child.name} is level for a few "
         "seconds, or use magnetometers"
-        for parent, child in chain.joints()
-        if child.joint.freedom
-        and child.name in mounts
-        and mounts[child.name].facing_sigma > posture.WITHHELD
+        for parent, child in _unsure(chain, mounts, posture.WITHHELD)
     ]
 
 
 def is_open(chain: Chain, mounts: Mapping[str, Mount]) -> bool:
     """Whether more motion could show a zero better."""
-    return any(
-        child.joint.freedom
+    return bool(_unsure(chain, mounts, KNOWN))
+
+
+def _unsure(
+    chain: Chain, mounts: Mapping[str, Mount], above: float
+) -> list[tuple[Segment, Segment]]:
+    """Parent and child of the joints whose zero has a larger error than that, rad."""
+    return [
+        (parent, child)
+        for parent, child in chain.joints()
+        if child.joint.freedom
         and child.name in mounts
-        and mounts[child.name].facing_sigma > KNOWN
-        for _, child in chain.joints()
-    )
+        and mounts[child.name].facing_sigma > above
+    ]
 
 
 def _what(child: Segment) -> str:
