@@ -18,10 +18,10 @@ from imud.calibration.recording import SensorRecording
 from imud.calibration.stops import find_stops
 from imud.rotation import FloatArray
 
+Judged = tuple[ModuleFit | None, CalibrationFault | None]
 
-def judged(
-    recording: SensorRecording,
-) -> tuple[ModuleFit | None, CalibrationFault | None]:
+
+def judged(recording: SensorRecording) -> Judged:
     """Its fit, and the reason for refusing it."""
     fit, stops = whole.fit(recording), find_stops(recording)
     fault = faults.of_module(recording, stops, fit)
@@ -29,17 +29,17 @@ def judged(
     return fit, fault
 
 
-def laid_as_asked(laid: Laid) -> dict[str, Any]:
+def laid_as_asked(laid: Laid, first: Judged) -> dict[str, Any]:
     """The result: the number of requested poses, the reason if it is still refused, and
-    the errors if it is accepted.
+    the errors if it is accepted. `first`: of its recording without those.
     """
     more: list[FloatArray] = []
-    while True:
-        fit, fault = judged(laid.recording(more))
-        is_over = fault is None or fault.kind not in faults.LACKS
-        if is_over or len(laid.ups) + len(more) >= POSES_MAX:
+    fit, fault = first
+    while fault is not None and fault.kind in faults.LACKS:
+        if len(laid.ups) + len(more) >= POSES_MAX:
             break
         more.append(poses.wanted(fit.acc if fit is not None else None).up)
+        fit, fault = judged(laid.recording(more))
     row: dict[str, Any] = {"more": len(more)}
     row["refused"] = fault.kind if fault is not None else None
     if fit is None:

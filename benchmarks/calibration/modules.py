@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibration import asking, rough, shop_trials, simulated
-from benchmarks.calibration.cases import CASES, Case, crowd, laid
+from benchmarks.calibration.cases import CASES, Case, Laid, crowd, laid
 from benchmarks.calibration.report import GUIDED, Results, parts_of, show
 from benchmarks.common.figure import SETS
 from benchmarks.common.paths import RESULTS
@@ -36,7 +36,7 @@ from imud.calibration.guided.events import Finished
 from imud.calibration.guided.housing import found as housing_found
 from imud.calibration.guided.procedure import Procedure
 from imud.calibration.papers.methods import METHODS, by_method
-from imud.calibration.recording import Gatherer
+from imud.calibration.recording import Gatherer, SensorRecording
 from imud.calibration.stops import find_stops
 from imud.cli.calibrate_source import of_file
 from imud.progress import Progress
@@ -58,10 +58,32 @@ FIT_MODULES = 10  # of which the time is measured
 
 def measure(task: tuple[Case, int]) -> dict[str, Any]:
     """One recording: its errors, its score, and whether it is accepted."""
-    case, seed = task
-    found = laid(case, seed)
+    found = laid(*task)
     recording = found.recording()
-    fit, fault = asking.judged(recording)
+    return _row(task, found, recording, asking.judged(recording))
+
+
+def of_crowd(task: tuple[Case, int]) -> dict[str, Any]:
+    """The same, and the result if the guide asks for more poses; not for hands that
+    never let go.
+    """
+    found = laid(*task)
+    recording = found.recording()
+    judged = asking.judged(recording)
+    row = _row(task, found, recording, judged)
+    if row["refused"] in faults.LACKS and not task[0].is_held:
+        row["asked"] = asking.laid_as_asked(found, judged)
+    return row
+
+
+def _row(
+    task: tuple[Case, int],
+    found: Laid,
+    recording: SensorRecording,
+    judged: asking.Judged,
+) -> dict[str, Any]:
+    case, seed = task
+    fit, fault = judged
     row: dict[str, Any] = {
         "case": case.name,
         "seed": seed,
@@ -76,16 +98,6 @@ def measure(task: tuple[Case, int]) -> dict[str, Any]:
     turn = housing_found(recording, fit) if case.has_housing else None
     if turn is not None:
         row["housing"] = simulated.housing_error(found.module, fit, turn)
-    return row
-
-
-def of_crowd(task: tuple[Case, int]) -> dict[str, Any]:
-    """The same, and the result if the guide asks for more poses; not for hands that
-    never let go.
-    """
-    row = measure(task)
-    if row["refused"] in faults.LACKS and not task[0].is_held:
-        row["asked"] = asking.laid_as_asked(laid(*task))
     return row
 
 

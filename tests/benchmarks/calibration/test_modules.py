@@ -77,7 +77,8 @@ def test_who_is_asked_for_poses_lays_them_and_is_accepted() -> None:
     case = Case("lazy", poses=5, user="lazy")
     refused = modules.measure((case, 4))
     assert refused["refused"] == "missing_poses"
-    asked = asking.laid_as_asked(cases.laid(case, 4))
+    laid = cases.laid(case, 4)
+    asked = asking.laid_as_asked(laid, asking.judged(laid.recording()))
     assert asked["refused"] is None
     assert 0 < asked["more"] < 12
     assert report.is_good(asked)
