@@ -12,7 +12,6 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibration import simulated
-from benchmarks.common import engines
+from benchmarks.common import engines, jobs
 from benchmarks.common.boards import NANO
 from benchmarks.common.engines import HOST
 from benchmarks.common.feed import NO_READING, Feed, sampled
@@ -133,8 +132,9 @@ def seen_by(guide: TurnGuide, feed: Feed, count: int | None = None) -> None:
             guide.on_pose(due[index])
 
 
-def judged(seed: int, fault: str, name: str, turn_deg: float) -> dict[str, Any]:
-    """The verdict on one turn."""
+def judged(case: tuple[int, str, str, float]) -> dict[str, Any]:
+    """The verdict on one turn, of a seed, a fault, a hand and an angle."""
+    seed, fault, name, turn_deg = case
     random = np.random.default_rng([seed, SALT])
     module = shop(random)
     params = calibrated(module, seed)
@@ -184,14 +184,13 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args(arguments)
     report: dict[str, Any] = {}
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for which in args.sets:
-            seeds = [2 * index + SETS[which] for index in range(args.count)]
-            cases = list(product(seeds, FAULTS, AXES, ANGLES))
-            report[which] = list(pool.map(judged, *zip(*cases, strict=True)))
-            print(f"\nseeds for {which}\n")
-            for figure in figures(report[which]):
-                print(figure)
+    for which in args.sets:
+        seeds = [2 * index + SETS[which] for index in range(args.count)]
+        cases = list(product(seeds, FAULTS, AXES, ANGLES))
+        report[which] = list(jobs.each(judged, cases, args.jobs, "turns"))
+        print(f"\nseeds for {which}\n")
+        for figure in figures(report[which]):
+            print(figure)
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
     OUTPUT.write_text(json.dumps(report))
 

@@ -51,8 +51,8 @@ def table(
 def test_a_calibrated_module_is_good_and_another_modules_params_are_found(
     seed: int, hand: str
 ) -> None:
-    assert turns.judged(seed, SOUND, hand, WANTED_DEG)["verdict"] == "good"
-    assert turns.judged(seed, OTHER, hand, WANTED_DEG)["verdict"] == "fault"
+    assert turns.judged((seed, SOUND, hand, WANTED_DEG))["verdict"] == "good"
+    assert turns.judged((seed, OTHER, hand, WANTED_DEG))["verdict"] == "fault"
 
 
 @pytest.mark.parametrize("hand", AXES)
