@@ -13,6 +13,7 @@ from imud import rotation
 from imud.body import angles, chain, fused, heading, hinge, joints
 from imud.body.posture import Posture
 from imud.body.tracks import Track
+from imud.calibration.algebra import across
 from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.virtual.leg_probes import USUAL
@@ -121,16 +122,9 @@ def _corrected(
     left = rotation.rotate(stepped, second) - ends[0]
     turn = rotation.multiply(rotation.inverse(parent.quat), stepped)
     # To a frame of both whose axes lie on each other.
-    across = [_across(first), _across(second)]
-    seen = rotation.rotate(turn, across[1])
-    angle = angles.about(first, np.broadcast_to(across[0], seen.shape), seen)
+    seen = rotation.rotate(turn, across(second))
+    angle = angles.about(first, np.broadcast_to(across(first), seen.shape), seen)
     return float((left**2).mean()), angle
-
-
-def _across(axis: FloatArray) -> FloatArray:
-    """A direction across an axis."""
-    found = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    return np.asarray(found / np.linalg.norm(found))
 
 
 def _quats(

@@ -42,15 +42,18 @@ def integrated(rate: FloatArray, step_s: float) -> FloatArray:
 
 def onto(start: FloatArray, end: FloatArray) -> FloatArray:
     """The rotation matrix of the smallest turn from one unit vector to another."""
-    across = np.cross(start, end)
-    sine, cosine = float(np.linalg.norm(across)), float(start @ end)
+    normal = np.cross(start, end)
+    sine, cosine = float(np.linalg.norm(normal)), float(start @ end)
     if sine < 1e-12:
         if cosine > 0.0:
             return np.eye(3)
-        # Half a turn about any axis at right angles.
-        across = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
-    axis = across / np.linalg.norm(across)
-    return turn(axis * np.arctan2(sine, cosine))
+        return turn(across(start) * np.pi)
+    return turn(normal / sine * np.arctan2(sine, cosine))
+
+
+def across(vector: FloatArray) -> FloatArray:
+    """A unit vector at right angles to a vector."""
+    return units(np.cross(vector, np.eye(3)[np.argmin(np.abs(vector))]))
 
 
 def units(vectors: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.calibration.affine import MethodError
-from imud.calibration.algebra import units
+from imud.calibration.algebra import across, units
 from imud.rotation import FloatArray
 
 ROUNDS = 50
@@ -184,8 +184,7 @@ def _bias(axis: FloatArray, attitudes: FloatArray) -> float:
     """The remaining share of an error of the world in the mean over the attitudes: 1
     without a turn, 0 in a full one.
     """
-    across = units(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]))
-    return float(np.linalg.norm((attitudes @ across).mean(axis=0)))
+    return float(np.linalg.norm((attitudes @ across(axis)).mean(axis=0)))
 
 
 def tip_below(
@@ -211,8 +210,8 @@ def tip_below(
         distance_m * distance_sigma_m, found.radius * found.radius_sigma_m
     )
     spread = float(offsets.var(axis=0).mean()) / len(places)
-    across = 2.0 * (below * axis.sigma_rad) ** 2 + (along / below) ** 2
-    sigma = math.sqrt(across / 3.0 + spread)
+    aside = 2.0 * (below * axis.sigma_rad) ** 2 + (along / below) ** 2
+    sigma = math.sqrt(aside / 3.0 + spread)
     left = offsets - offsets.mean(axis=0)
     return Offset(
         offsets.mean(axis=0), np.full(3, sigma), float(np.sqrt(np.mean(left**2)))

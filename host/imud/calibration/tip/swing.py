@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imud.calibration.algebra import integrated, units
+from imud.calibration.algebra import across, integrated, units
 from imud.rotation import FloatArray
 
 SECTORS = 8  # of the directions in which it can lean
@@ -36,7 +36,7 @@ def swing_of(force: FloatArray, rate: FloatArray, step_s: float) -> Swing:
     held = max(1, round(HELD_S / step_s))
     up = units(force[:held].mean(axis=0))
     lean = attitude @ up
-    first = units(np.cross(up, np.eye(3)[np.argmin(np.abs(up))]))
+    first = across(up)
     plane = np.stack([first, np.cross(up, first)])
     aside = lean @ plane.T
     angle = np.degrees(np.arctan2(np.linalg.norm(aside, axis=1), lean @ up))
