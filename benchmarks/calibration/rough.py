@@ -21,7 +21,8 @@ from benchmarks.common.figure import Figure
 from imud.calibration.affine import affine_of
 from imud.calibration.algebra import integrated, units
 from imud.calibration.learned.learner import Learner, learned_of
-from imud.calibration.recording import GRAVITY_M_S2, Sample
+from imud.calibration.recording import Sample
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE

@@ -16,7 +16,8 @@ from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn, spread, units
 from imud.calibration.guided.whole import ModuleFit
 from imud.calibration.poses import TWELVE
-from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Sample, SensorRecording
+from imud.calibration.recording import Gatherer, Sample, SensorRecording
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import (
     PROBE,

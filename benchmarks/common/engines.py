@@ -14,8 +14,8 @@ from benchmarks.common import wire
 from benchmarks.common.core import Replay
 from benchmarks.common.feed import Feed, Samples, with_filter
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
-from imud.virtual.motion import GRAVITY_M_S2
 from imud.wire import schema
 
 

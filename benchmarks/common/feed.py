@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import wire
+from imud.gravity import GRAVITY_M_S2
 from imud.params.trusted import CALIBRATED
 from imud.rotation import FloatArray
-from imud.virtual.motion import GRAVITY_M_S2, BoolArray, Motion
+from imud.virtual.motion import BoolArray, Motion
 from imud.wire import messages, schema
 from imud.wire.messages import Message
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.curves import STEP
 from imud.virtual.leg_probes import RATE_HZ, felt, sprung
-from imud.virtual.motion import GRAVITY_M_S2, Motion
+from imud.virtual.motion import Motion
 from imud.virtual.sensors import Magnet, World
 
 NAMES = ("one", "two", "three", "four", "five")

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.curves import BUMP, STEP
 from imud.virtual.leg import ANKLE_M, TOE_M
 from imud.virtual.leg_probes import PLACES, RATE_HZ, USUAL, felt
-from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.sensors import World
 
 SENSOR_HZ = 200.0

@@ -14,10 +14,11 @@ from imud.body import angles, chain, fused, heading, hinge, joints
 from imud.body.posture import Posture
 from imud.body.tracks import Track
 from imud.calibration.algebra import across
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.virtual.leg_probes import USUAL
-from imud.virtual.motion import GRAVITY_M_S2, Motion
+from imud.virtual.motion import Motion
 
 STOOD_S = (1.0, 5.5)
 HEADING_S = 5.0  # time constant of the heading between two probes

@@ -27,9 +27,9 @@ from benchmarks.common.paths import RESULTS
 from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import Case, Run, measure, run_of
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.hand import HandMove, Stance
-from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.stroking import PAUSE_S, SETTLES_S, Plan, strokes_of
 
 OUTPUT = RESULTS / "strokes-thesis.json"

@@ -16,7 +16,7 @@ from imud.body.mounting import Mount
 from imud.body.stance import StanceDetector
 from imud.body.state import Contact, vector
 from imud.body.tracks import Track
-from imud.calibration.recording import GRAVITY_M_S2
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 TURNS_REST_S = 0.12  # of rates alone, which are those of some 25 poses a second

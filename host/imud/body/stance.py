@@ -13,7 +13,7 @@ from collections import deque
 import numpy as np
 
 from imud.body.tracks import BoolArray
-from imud.calibration.recording import GRAVITY_M_S2
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 # A turn by 1 rad/s counts as a force of so many m/s2 beside gravity.

@@ -18,7 +18,7 @@ import numpy as np
 
 from imud import rotation
 from imud.calibration.algebra import skew
-from imud.calibration.recording import GRAVITY_M_S2
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 PLACE, SPEED, ATTITUDE, BIAS, LEVER, PUSH = (

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.calibration.algebra import symmetric, symmetric_slopes
-from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.stops import StaticInterval
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 PARAMETERS = 9

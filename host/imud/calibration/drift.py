@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imud.calibration.recording import GRAVITY_M_S2
+from imud.gravity import GRAVITY_M_S2
 from imud.params.condition import DRIFT_M_S2_K
 from imud.params.value import Calibration, Params
 

@@ -17,8 +17,9 @@ import numpy as np
 from imud.calibration import accelerometer, gyroscope
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import symmetric, symmetric_slopes, units
-from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.stops import StaticInterval
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 ROUNDS = 4

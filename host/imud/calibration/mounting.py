@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from imud.calibration.mount import ALL, PLAIN, ModuleMount, MountError, of_matrix
-from imud.calibration.recording import GRAVITY_M_S2
 from imud.calibration.result import CalibrationResult
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 

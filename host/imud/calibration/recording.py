@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 from imud.rotation import FloatArray
 
-GRAVITY_M_S2 = 9.80665  # standard gravity
-
 RATE_HZ = 100.0  # of a recording, at least: samples are averaged down towards it
 GAP_S = 0.1  # samples missing for no longer than this are interpolated
 COUNT_MAX = 32767  # of a reading: 16 bits

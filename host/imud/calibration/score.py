@@ -16,7 +16,7 @@ import numpy as np
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import row_slopes, spread, symmetric_slopes
 from imud.calibration.magnetometer import NOISE_UT, MagFit
-from imud.calibration.recording import GRAVITY_M_S2
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Calibration
 from imud.rotation import FloatArray
 

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from imud.calibration.recording import GRAVITY_M_S2
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, skipped
+from imud.gravity import GRAVITY_M_S2
 from imud.journal.faults import OF_SENSOR, fault_words
 from imud.probes.self_test import SelfTestOutcome, follows_range
 from imud.probes.sensors import (

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from imud.calibration.recording import COUNT_MAX, GRAVITY_M_S2
+from imud.calibration.recording import COUNT_MAX
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, graded, skipped, worst
+from imud.gravity import GRAVITY_M_S2
 from imud.probes.chip import Chip, chip_of
 from imud.probes.self_test import AXES
 from imud.rotation import FloatArray

@@ -18,9 +18,10 @@ import numpy as np
 from imud import rotation
 from imud.calibration.affine import affine_of
 from imud.calibration.algebra import integrated, units
-from imud.calibration.recording import GRAVITY_M_S2, Scale
+from imud.calibration.recording import Scale
 from imud.check.rows import Row, RowVerdict
 from imud.check.turn import MOVED_DEG, TIMEOUT_S, TurnGuide, TurnSeen, degrees_of
+from imud.gravity import GRAVITY_M_S2
 from imud.params.condition import DRIFT_M_S2_K
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray

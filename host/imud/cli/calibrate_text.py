@@ -11,7 +11,8 @@ from imud.calibration.result import CalibrationResult
 from imud.calibration.tip.score import INSIDE
 from imud.calibration.tip_found import TipFound
 from imud.cli.params_text import differences, drift_words
-from imud.params.condition import G_M_S2, TITLES
+from imud.gravity import GRAVITY_M_S2
+from imud.params.condition import TITLES
 from imud.params.value import Params
 
 AROUND = 2.45  # of two axes' sigma: 95 % of directions are nearer
@@ -95,7 +96,7 @@ def _left(params: Params, name: str) -> str:
     if of is None or of.residual is None:
         return "calibrated"
     if name == "acc":
-        left = f"{1000.0 * of.residual / G_M_S2:.2f} mg residual at the stops"
+        left = f"{1000.0 * of.residual / GRAVITY_M_S2:.2f} mg residual at the stops"
         drift = of.drift_m_s2_k
         return left if drift is None else f"{left}; {drift_words(drift)}"
     if name == "gyr":

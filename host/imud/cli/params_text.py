@@ -13,8 +13,9 @@ from typing import Any
 
 from imud.client import Client
 from imud.errors import CommandRefused, FileError, ParamsError
+from imud.gravity import GRAVITY_M_S2
 from imud.params import file, handles
-from imud.params.condition import G_M_S2, TITLES
+from imud.params.condition import TITLES
 from imud.params.file import ParamsFile
 from imud.params.parts import NAMES, kind_of
 from imud.params.value import SENSORS, Calibration, Params
@@ -104,7 +105,7 @@ def _calibration_lines(name: str, of: Calibration) -> list[str]:
 
 def drift_words(drift_m_s2_k: float) -> str:
     """What the temperature does to an accelerometer."""
-    return f"{1000.0 * drift_m_s2_k / G_M_S2:.2f} mg more error for each kelvin"
+    return f"{1000.0 * drift_m_s2_k / GRAVITY_M_S2:.2f} mg more error for each kelvin"
 
 
 def _made(method: object, day: object, temperature_c: float | None) -> str:

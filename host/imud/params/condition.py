@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any
 
+from imud.gravity import GRAVITY_M_S2
+
 # A year: bias and scale of consumer sensors move by their specified accuracy in that
 # time, and iron of the housing is magnetised again.
 OLD_DAYS = 365
@@ -17,10 +19,9 @@ OLD_DAYS = 365
 # specification, table 2: 1.5 mg/degC, here two sigma).
 APART_DEGC = 10.0
 STEP_DEGC = 5.0  # of what words say
-G_M_S2 = 9.80665
 # Of an accelerometer that was not calibrated at two temperatures: the sigma of an
 # axis, a kelvin (CALIBRATION_DRIFT in firmware/core).
-DRIFT_M_S2_K = 0.75e-3 * G_M_S2
+DRIFT_M_S2_K = 0.75e-3 * GRAVITY_M_S2
 
 
 class Condition(StrEnum):
@@ -79,7 +80,7 @@ def moved_words(acc: Mapping[str, Any] | None, temperature_c: float | None) -> s
     drift = acc.get("drift_m_s2_k") or DRIFT_M_S2_K
     # It is up to half a step further than the words say.
     apart_c = abs(now_c - calibrated_c) + STEP_DEGC / 2.0
-    wrong = math.hypot(sigma, drift * apart_c) / G_M_S2
+    wrong = math.hypot(sigma, drift * apart_c) / GRAVITY_M_S2
     tilt_deg = math.degrees(1.96 * math.sqrt(2.0) * wrong)  # of two axes
     return (
         f" ({calibrated_c:.0f} degC, now about {now_c:.0f}: tilt may be off by up to "

@@ -10,9 +10,9 @@ import math
 
 import msgspec
 
+from imud.gravity import GRAVITY_M_S2
 from imud.wire.params import parts_of
 
-GRAVITY_M_S2 = 9.80665
 TILT_FLOOR_DEG = 0.38  # of the stated tilt: FUSE_TILT_FLOOR_DEG in fuse_params.h
 LEVEL_MAX_RAD = 0.06  # of the stated tilt, the most by the accelerometer
 

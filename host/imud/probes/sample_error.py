@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import math
 
+from imud.gravity import GRAVITY_M_S2
 from imud.probes.chip import CHIPS, Chip
-from imud.probes.relative_error import GRAVITY_M_S2
 from imud.probes.scales import Vector
 from imud.wire.messages import Message, decode
 from imud.wire.params import parts_of

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from imud.calibration.recording import GRAVITY_M_S2
 from imud.errors import FileError
+from imud.gravity import GRAVITY_M_S2
 from imud.recordings.foreign_table import ForeignTable, words
 from imud.rotation import FloatArray
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.curves import Curve, Turning
-from imud.virtual.motion import GRAVITY_M_S2
 
 
 @dataclass(frozen=True, slots=True)

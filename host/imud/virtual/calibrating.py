@@ -16,6 +16,7 @@ from imud.calibration.algebra import onto, units
 from imud.calibration.guided.procedure import Procedure
 from imud.calibration.path import UP
 from imud.calibration.recording import COUNT_MAX, Sample, Scale
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.hand import HandMove, Stance
 from imud.virtual.motion import Motion
@@ -23,7 +24,9 @@ from imud.virtual.motions.module import Module, SensorSimulator
 from imud.virtual.sensors import NO_ERRORS, Magnet, MakeHand, Sway, World, stream
 
 # Counts of a modelled MPU-9250 at 100 Hz, and the records of which each is the mean.
-SCALE = Scale(16.0 * 9.80665 / 32768.0, math.radians(2000.0 / 32768.0), 0.15, 100.0)
+SCALE = Scale(
+    16.0 * GRAVITY_M_S2 / 32768.0, math.radians(2000.0 / 32768.0), 0.15, 100.0
+)
 RECORDS_HZ = 500.0
 
 # Sensors in a hand's middle: it turns about the probe. A probe is laid down anywhere.

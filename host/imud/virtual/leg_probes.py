@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
-from imud.virtual.motion import GRAVITY_M_S2, BoolArray, Motion
+from imud.virtual.motion import BoolArray, Motion
 from imud.virtual.motions.module import SMALL
 from imud.virtual.sensors import Magnet, World
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from imud.errors import FileError
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.text_file import read_text
-from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.motions.module import MG, Module
 from imud.virtual.sensors import SensorErrors
 

@@ -29,8 +29,6 @@ from imud.virtual.npz import arrays_of
 
 BoolArray = npt.NDArray[np.bool_]
 
-GRAVITY_M_S2 = 9.80665  # standard gravity, which the probe's scale uses, too
-
 STREAM_MAGIC = b"IMUMOT1\0"
 # Magic, rate in Hz, number of records (0: up to the end), flags.
 STREAM_HEADER = struct.Struct("<8sdQQ")

@@ -11,11 +11,12 @@ from typing import Protocol
 import numpy as np
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.bodies import RigidBody, held
 from imud.virtual.curves import BUMP, STEP, Curve, Turning, Waves, about, blend, shape
 from imud.virtual.hand import Hand, HandMove
-from imud.virtual.motion import GRAVITY_M_S2, Motion, join
+from imud.virtual.motion import Motion, join
 
 # Five records a sample of the chip at 200 Hz: its averaging sees a smooth motion.
 HAND_RATE_HZ = 1000.0

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.limb import peers
 from imud.body.tracks import Track
-from imud.virtual.motion import GRAVITY_M_S2
+from imud.gravity import GRAVITY_M_S2
 
 
 def test_fixed_thresholds_find_rests_that_are_calm_for_long_enough():

@@ -17,7 +17,7 @@ from imud.body.contact import FootPath
 from imud.body.feet import Foot
 from imud.body.tracks import Track
 from imud.body.zero_velocity import Clipped, Step, ZeroVelocity
-from imud.calibration.recording import GRAVITY_M_S2
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 STRIDES = 12

@@ -17,8 +17,9 @@ from imud.calibration import accelerometer, poses
 from imud.calibration.algebra import closest_turn, integrated, onto, skew, turn, units
 from imud.calibration.guided import whole
 from imud.calibration.guided.whole import ModuleFit
-from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Sample, Scale
+from imud.calibration.recording import Gatherer, Sample, Scale
 from imud.calibration.stops import find_stops
+from imud.gravity import GRAVITY_M_S2
 from imud.virtual.calibrating import SCALE, Manners
 from imud.virtual.modules import calibrated, shop
 from imud.virtual.motions.module import MG, Module

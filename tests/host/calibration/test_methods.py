@@ -22,8 +22,9 @@ from imud.calibration.papers import extremes, half_turns, six_positions
 from imud.calibration.papers.extremes import Extremes
 from imud.calibration.papers.methods import METHODS, by_method, of_method
 from imud.calibration.poses import TWELVE
-from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.stops import find_stops
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE, Manners

@@ -27,8 +27,9 @@ from imud.calibration.learned.learner import (
     learned_of,
 )
 from imud.calibration.learned.motion import Priors
-from imud.calibration.recording import GRAVITY_M_S2, Sample, SensorRecording
+from imud.calibration.recording import Sample, SensorRecording
 from imud.calibration.stops import find_stops
+from imud.gravity import GRAVITY_M_S2
 from imud.params.learned import filter_can_continue
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE

@@ -12,12 +12,13 @@ from msgspec.structs import replace
 
 from imud import rotation
 from imud.calibration.faults import CalibrationFault
-from imud.calibration.recording import GRAVITY_M_S2, Sample
+from imud.calibration.recording import Sample
 from imud.calibration.tip import dimple
 from imud.calibration.tip import guide as tip_guide
 from imud.calibration.tip.guide import Dimpling
 from imud.calibration.tip.score import INSIDE, trust_of
 from imud.calibration.tip_found import TipFound
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from imud.virtual.dimpling import Wobble

@@ -11,7 +11,8 @@ from functools import cache
 import numpy as np
 
 from imud import rotation
-from imud.calibration.recording import GRAVITY_M_S2, Sample
+from imud.calibration.recording import Sample
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE
 from imud.virtual.motions.module import MG

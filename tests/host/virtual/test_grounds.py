@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
-from imud.virtual.motion import GRAVITY_M_S2, Motion
+from imud.virtual.motion import Motion
 from imud.virtual.motions import grounds, handling, misleading, ways
 from imud.virtual.motions.grounds import GROUNDS
 from imud.virtual.motions.groups import exact

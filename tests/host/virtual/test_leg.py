@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.virtual import leg, leg_probes
 from imud.virtual.leg_probes import RATE_HZ
-from imud.virtual.motion import GRAVITY_M_S2
 
 SHORT = leg.Manner(walk_s=4.6, squats=1, raises=1)
 FIRM = replace(SHORT, wobble_deg=0.0)

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from imud.errors import FileError
+from imud.gravity import GRAVITY_M_S2
 from imud.virtual import modules
-from imud.virtual.motion import GRAVITY_M_S2, Motion, join
+from imud.virtual.motion import Motion, join
 from imud.virtual.motions.module import MG, Module
 from imud.virtual.sensors import NO_ERRORS, World
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual import bodies, curves
 from imud.virtual.curves import Piece
-from imud.virtual.motion import GRAVITY_M_S2, NPZ_KEYS
+from imud.virtual.motion import NPZ_KEYS
 from imud.virtual.motions import groups, machines, ride, swings
 from imud.virtual.motions.groups import GROUPS, Recipe
 from imud.virtual.motions.module import LARGE, MODULES

@@ -17,8 +17,9 @@ from imud.calibration.algebra import closest_turn
 from imud.calibration.earth import Earth, strangeness
 from imud.calibration.faults import CalibrationFault, of_field, of_magnets
 from imud.calibration.guided.whole import ModuleFit
-from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.stops import StaticInterval
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 # An axis is dead if it hardly changes while the others do.

@@ -14,8 +14,9 @@ from imud.calibration.drift import with_drift
 from imud.calibration.earth import Earth, strangeness
 from imud.calibration.guided.wave import Wave
 from imud.calibration.guided.whole import ModuleFit
-from imud.calibration.recording import GRAVITY_M_S2, Scale
+from imud.calibration.recording import Scale
 from imud.calibration.result import CalibrationResult, with_mag, with_sensor
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 

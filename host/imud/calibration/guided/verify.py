@@ -18,14 +18,9 @@ import numpy as np
 
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.algebra import integrated, units
-from imud.calibration.recording import (
-    GRAVITY_M_S2,
-    Gatherer,
-    Sample,
-    Scale,
-    SensorRecording,
-)
+from imud.calibration.recording import Gatherer, Sample, Scale, SensorRecording
 from imud.calibration.stops import StaticInterval, find_stops
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 

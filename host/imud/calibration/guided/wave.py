@@ -20,15 +20,10 @@ from imud.calibration.algebra import integrated, units
 from imud.calibration.faults import CalibrationFault, of_field, of_magnets
 from imud.calibration.magnetometer import MagFit, Readings
 from imud.calibration.mount import PLAIN, ModuleMount
-from imud.calibration.recording import (
-    GRAVITY_M_S2,
-    Gatherer,
-    Sample,
-    Scale,
-    SensorRecording,
-)
+from imud.calibration.recording import Gatherer, Sample, Scale, SensorRecording
 from imud.calibration.score import HEADING_MAX_DEG, TILT_TO_HEADING, field_deg
 from imud.calibration.stops import find_stops
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 LEAST_S = 10.0

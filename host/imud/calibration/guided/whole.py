@@ -13,9 +13,10 @@ from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
 from imud.calibration.gyroscope import GyrFit
 from imud.calibration.magnetometer import MagFit, Readings
-from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.score import CalibrationScore, score
 from imud.calibration.stops import StaticInterval, find_stops
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 STOPS_MIN = 4  # with fewer there is nothing to fit

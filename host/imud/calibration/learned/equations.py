@@ -18,7 +18,8 @@ from imud.calibration.algebra import (
     symmetric_slopes,
     units,
 )
-from imud.calibration.recording import GRAVITY_M_S2, IntArray, SensorRecording
+from imud.calibration.recording import IntArray, SensorRecording
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 FORCE_S = 4.0  # of the raised cosine by which force is averaged

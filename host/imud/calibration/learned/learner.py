@@ -21,7 +21,6 @@ from imud.calibration.learned import motion
 from imud.calibration.learned.motion import MotionFit, Priors
 from imud.calibration.recording import (
     GAP_S,
-    GRAVITY_M_S2,
     Gatherer,
     Sample,
     Scale,
@@ -32,6 +31,7 @@ from imud.calibration.result import with_mag, with_sensor
 from imud.calibration.score import TILT_TO_HEADING, stated_tilt_deg
 from imud.calibration.stops import find_stops
 from imud.errors import ParamsError
+from imud.gravity import GRAVITY_M_S2
 from imud.params.learned import METHOD, filter_can_continue
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray

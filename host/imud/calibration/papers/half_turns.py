@@ -26,8 +26,9 @@ from imud.calibration.papers.basics import (
     means,
     normalised,
 )
-from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.stops import StaticInterval
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 HALF_TURN = (math.radians(150.0), math.radians(210.0))

@@ -10,9 +10,10 @@ import numpy as np
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.papers import extremes, half_turns, six_positions
 from imud.calibration.papers.basics import MethodResult, means
-from imud.calibration.recording import GRAVITY_M_S2, Scale, SensorRecording
+from imud.calibration.recording import Scale, SensorRecording
 from imud.calibration.result import CalibrationResult, with_sensor
 from imud.calibration.stops import StaticInterval, find_stops
+from imud.gravity import GRAVITY_M_S2
 from imud.params.value import Params
 
 METHODS = ("positions", "extremes", "extremes-as-printed", "half-turns")

@@ -9,8 +9,9 @@ import numpy as np
 
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.papers.basics import MethodResult, check_faces, faces, normalised
-from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.stops import StaticInterval
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 SIGNS = {"+": 1.0, "-": -1.0}

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.calibration.algebra import integrated, skew, turn
-from imud.calibration.recording import GRAVITY_M_S2, IntArray
+from imud.calibration.recording import IntArray
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
 BLOCK_S = 0.05

@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
-from imud.virtual.motion import GRAVITY_M_S2, Motion
+from imud.virtual.motion import Motion
 
 RATE_HZ = 500.0
 GRAVITY = np.array([0.0, 0.0, GRAVITY_M_S2])

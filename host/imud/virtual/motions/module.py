@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
-from imud.virtual.motion import GRAVITY_M_S2, Motion
+from imud.virtual.motion import Motion
 from imud.virtual.sensors import SensorErrors
 
 MG = GRAVITY_M_S2 / 1000.0

@@ -8,10 +8,10 @@ import math
 import numpy as np
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 from imud.virtual.bodies import RigidBody
 from imud.virtual.curves import Curve, Piece, about, joined
-from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.motions.ride import (
     ORIGIN,
     REST_S,
