@@ -58,3 +58,15 @@ def test_every_function_of_a_driver_is_proved() -> None:
             assert f"void {function}(void)" in text or f"PARSER({function})" in text
     drivers = {path.stem for path in (prove.ROOT / prove.DRIVERS).glob("*.c")}
     assert drivers == {each.driver for each in prove.PROOFS}
+
+
+def test_the_fewest_statements_that_a_machine_reached_are_summed() -> None:
+    lines = (
+        ("frame.encode", prove.HOST, "71/71"),
+        ("frame.encode", prove.AVR, "69/70"),
+        ("frame.crc", prove.AVR, "44/44"),
+    )
+    outcomes = [prove.Outcome(*each[:2], [], each[2], 1.0) for each in lines]
+    found = prove._summary(outcomes)
+    assert found["functions"]["frame.encode"] == {"reached": 69, "statements": 70}
+    assert found["drivers"] == {"frame": {"reached": 113, "statements": 114}}
