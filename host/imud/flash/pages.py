@@ -86,17 +86,20 @@ def write(
         done += 1
         on_progress(done, steps)
 
+    def put(chosen: Mapping[int, bytes]) -> None:
+        for at, page in chosen.items():
+            bootloader.write(at, page)
+            step()
+        for at, page in chosen.items():
+            _compare(at, page, bootloader.read(at, size))
+            step()
+
+    bootloader.rewind()  # if that fails, nothing was written
     try:
-        guard = LOOP.ljust(size, bytes((BLANK,)))
-        for chosen in ({0: guard}, others, {0: first}):
-            if 0 in chosen:
-                bootloader.rewind()
-            for at, page in chosen.items():
-                bootloader.write(at, page)
-                step()
-            for at, page in chosen.items():
-                _compare(at, page, bootloader.read(at, size))
-                step()
+        put({0: LOOP.ljust(size, bytes((BLANK,)))})
+        put(others)
+        bootloader.rewind()
+        put({0: first})
     except (FlashError, OSError) as error:
         raise HalfWritten(str(error)) from error
     return len(pages)

@@ -87,6 +87,33 @@ def test_a_page_that_is_not_kept_ends_it_with_nothing_that_runs() -> None:
     assert board.flash.startswith(LOOP)
 
 
+class SilentBoard(Stk500v2Board):
+    """It says nothing more once it was told so often to begin at the first page."""
+
+    def __init__(self, rewinds: int) -> None:
+        super().__init__(OLD)
+        self._left = rewinds
+
+    def write(self, data: bytes, /) -> int:
+        self._left -= data[5] == 0x12
+        return super().write(data) if self._left > 0 else len(data)
+
+
+def test_a_board_is_half_written_only_once_a_write_began(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(stk500v2, "ANSWER_S", 0.1)
+    board = SilentBoard(1)
+    with pytest.raises(FlashError, match="for the first page") as told:
+        mega.write(reached(board), IMAGE)
+    assert not isinstance(told.value, HalfWritten)
+    assert board.flash.startswith(OLD)
+    board = SilentBoard(2)
+    with pytest.raises(HalfWritten, match="for the first page"):
+        mega.write(reached(board), IMAGE)
+    assert board.flash.startswith(LOOP)
+
+
 @pytest.mark.parametrize(
     ("signature", "name"),
     [("1e9703", "ATmega1280"), ("1e950f", "ATmega328P"), ("ffffff", "an unknown chip")],
