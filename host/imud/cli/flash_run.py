@@ -225,6 +225,7 @@ def _write(
         again = f"{COMMAND} --board {kind} --by dfu"
     if write is _by_drive:
         again = f"{COMMAND} --board {kind}"
+    half: HalfWritten | None = None  # of any try: a later one may not begin at all
     for tries_left in reversed(range(TRIES)):
         bar = flash_desk.bar_for(desk)
 
@@ -233,19 +234,20 @@ def _write(
 
         try:
             what = write(port, image, on_progress)
-        except HalfWritten as error:
+        except FlashError as error:
             bar.end()
+            half = error if isinstance(error, HalfWritten) else half
+            if half is None:
+                holders = ", ".join(map(str, holders_of(port)))
+                hint = f" ({holders} has it open)" if holders else ""
+                raise FlashError(f"{error}{hint}; nothing was written") from error
             if tries_left > 0 and Path(port).exists():
                 _say(f"{error}; retrying")
                 continue
             raise FlashError(
-                f"{error}: the board has no working firmware, but its bootloader is "
+                f"{half}: the board has no working firmware, but its bootloader is "
                 f"ready; plug it in and run: {again}"
             ) from error
-        except FlashError as error:
-            holders = ", ".join(map(str, holders_of(port)))
-            hint = f" ({holders} has it open)" if holders else ""
-            raise FlashError(f"{error}{hint}; nothing was written") from error
         except KeyboardInterrupt:
             bar.end()  # what is said comes below it
             _say(f"stopped: the board may have no working firmware; run: {again}")

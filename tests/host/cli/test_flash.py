@@ -23,7 +23,9 @@ from host.flash.test_f405 import FOUND, dfu_util
 from imud import cli
 from imud.cli import check_ports, flash_run, reached
 from imud.errors import FlashError
-from imud.flash import f405, firmware
+from imud.flash import OnProgress, f405, firmware
+from imud.flash.errors import HalfWritten
+from imud.flash.stk500 import NoBootloader
 from imud.wire.schema import FINGERPRINT
 
 SCHEMA = f"{FINGERPRINT:08x}"
@@ -150,6 +152,21 @@ def test_only_a_step_ahead_is_written_without_force(
     with pytest.raises(FlashError, match=re.escape(says)) if says else nullcontext():
         flash_run._check_step(hello, offered, is_forced=False)
     flash_run._check_step(hello, offered, is_forced=True)
+
+
+def test_a_board_that_a_try_left_half_written_is_told_whatever_the_next_one_says(
+    image: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (port := tmp_path / "port").touch()
+    errors = [HalfWritten("a page reads back wrong"), *2 * [NoBootloader("no answer")]]
+
+    def write(_port: str, _image: firmware.Image, _on_progress: OnProgress) -> str:
+        raise errors.pop(0)
+
+    with pytest.raises(FlashError, match="wrong: the board has no working firmware"):
+        flash_run._write(write, "nano", str(port), firmware.read(image), None)
+    assert errors == []
+    assert "no answer; retrying" in capsys.readouterr().out
 
 
 def test_a_rom_that_does_not_answer_leaves_the_board_as_it_was(
