@@ -44,6 +44,18 @@ def test_an_image_is_written_read_back_and_started(opened: list[Stm32Rom]) -> No
     assert seen[-1] == (len(seen), len(seen))
 
 
+def test_an_image_that_was_read_back_is_written_whoever_starts_it(
+    opened: list[Stm32Rom],
+) -> None:
+    class Unplugged(Stm32Rom):
+        def _command(self, command: int) -> bool:
+            return command != 0x21 and super()._command(command)
+
+    opened.append(rom := Unplugged(OLD))
+    assert f405.flash(rom.port, NEW, quiet, sync_s=5.0) == len(NEW)
+    assert rom.flash.startswith(NEW)
+
+
 @pytest.mark.parametrize("blocks", [0, 1, 100, 209])
 def test_a_cut_leaves_no_vectors_and_the_next_try_works(
     blocks: int, opened: list[Stm32Rom]
