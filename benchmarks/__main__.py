@@ -56,6 +56,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "minutes of logging on the virtual F405, compared with its wire",
         "firmware/card.py",
     ),
+    "faults": (
+        "what faults of wire, network, log and host cost",
+        "host/faults.py",
+    ),
     "host": (
         "the daemon: decoding, latency, CPU, memory, clocks; 3 h with faults",
         "host/daemon.py",

@@ -130,7 +130,7 @@ def grounds(found: Results) -> Results:
 
 
 def desk(found: Results) -> Results:
-    """Of honesty/desk.py: each case of the seeds for judging."""
+    """Of honesty/desk.py: each case of the seeds for judging; those for tuning."""
     demand(found.keys() == SETS.keys(), f"sets {', '.join(found)}")
     demand(len(found["judging"]["lines"]) > 40, "some groups")
     return {
@@ -141,6 +141,10 @@ def desk(found: Results) -> Results:
             for line in found["judging"]["lines"]
         },
         "figures": named(found["judging"]["figures"]),
+        "tuning": named(found["tuning"]["figures"]),
+        "heading_missed": sum(
+            line["heading"]["honest"] < 0.9 for line in found["judging"]["lines"]
+        ),
     }
 
 
@@ -172,6 +176,28 @@ def pico(found: Results) -> Results:
     """Of firmware/pico.py: each run."""
     demand(found["seconds"] >= 60.0, f"{found['seconds']:g} s")
     return found
+
+
+def faults(found: Results) -> Results:
+    """Of host/faults.py: what the tests recorded; those of bit errors together."""
+    demand(found["failed"] == 0, "a test failed")
+    tests = found["tests"]
+    errors = [
+        tests.pop(name) for name in [*tests] if name.startswith("a_minute_of_bit")
+    ]
+    demand(len(errors) >= 4, f"{len(errors)} minutes of bit errors")
+    through = [each["passed on"] for each in errors]
+    wrong = [each["passed the CRC and wrong"] for each in errors]
+    expected = [each["expected of these"] for each in errors]
+    return {
+        "tests": tests,
+        "bit_errors": {
+            "passed_least": min(through),
+            "passed_most": max(through),
+            "wrong": sum(wrong),
+            "expected": sum(expected),
+        },
+    }
 
 
 def positions(found: Results) -> Results:
@@ -219,6 +245,7 @@ KEPT = {
     "f405": Kept("f405", "cycles-f405.json", cycles),
     "micropython": Kept("micropython", "micropython.json", micropython),
     "pico": Kept("pico", "pico.json", pico),
+    "faults": Kept("faults", "faults.json", faults),
     "strokes": Kept("strokes", "strokes.json", strokes.strokes),
     "strokes-nano": Kept("strokes", "strokes-nano.json", strokes.strokes),
     "strokes-image-f405": Kept("strokes", "strokes-image-f405.json", strokes.image),

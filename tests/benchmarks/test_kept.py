@@ -34,6 +34,7 @@ def test_each_results_file_is_written_by_a_benchmark() -> None:
         (kept.pico, {"seconds": 9.0}),
         (kept.motions_further, {"29 to 55": {"nano": {"recordings": 140}}}),
         (kept.aims, {"seeds": 2}),
+        (kept.faults, {"failed": 1}),
         (
             kept.since_origin,
             {"set": "judging", "every": 1, "runs": 6, "lines": [{"motion": "aim"}]},

@@ -14,7 +14,7 @@ import re
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,8 @@ mount = 'mount -t tmpfs -o size=2m none "$0" && exec "$@"'
 own = [sys.executable, "-m", "imud", *sys.argv[1:]]
 os.execvp("unshare", [*{unshare!r}, "sh", "-c", mount, {logs!r}, *own])
 """
+
+Record = Callable[[str, object], None]
 
 # What the daemon says of a probe, which is no message of the probe's.
 OURS = ("status", "params", "log")
@@ -172,7 +174,7 @@ def scene(
     port.vanish()
 
 
-def check(made: Scene, client: Client) -> None:
+def check(made: Scene, client: Client, record: Record) -> None:
     """Whatever befell the log, nobody else felt it and nothing is unaccounted for."""
     status = made.end(client)
     ledger = status["ledger"]
@@ -183,6 +185,7 @@ def check(made: Scene, client: Client) -> None:
     assert made.heard == ledger["published"]["pose"] == made.poses
     dropped: int = ledger["dropped"]["log"]
     assert dropped > 0
+    record("lost in the log", dropped)
     # Hello, pose and reply have bytes of their own.
     put = sum(n for topic, n in ledger["published"].items() if topic not in OURS)
     counted = sum(n for topic, n in ledger["logged"].items() if topic not in OURS)
@@ -195,7 +198,9 @@ def check(made: Scene, client: Client) -> None:
 
 
 @needs_mounts
-def test_a_full_disk_costs_what_comes_while_it_is_full(tmp_path: Path) -> None:
+def test_a_full_disk_costs_what_comes_while_it_is_full(
+    tmp_path: Path, record_property: Record
+) -> None:
     with scene(tmp_path) as made, made.streaming() as client:
         ballast = made.fill()
         line = made.daemon.expect("log failed, retrying")
@@ -213,14 +218,18 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(tmp_path: Path) -> None:
         begin = time.monotonic()
         made.daemon.expect("log works again")
         again = made.notice("on")
-        assert time.monotonic() - begin < 4.0  # tried each 2 s, told each second
+        back_s = time.monotonic() - begin
+        assert back_s < 4.0  # tried each 2 s, told each second
+        record_property("back after, s", back_s)
         assert again["reason"] is None
         assert again["dropped"] > paused["dropped"]
-        check(made, client)
+        check(made, client, record_property)
 
 
 @needs_mounts
-def test_below_its_floor_the_log_pauses_and_says_so_to_all(tmp_path: Path) -> None:
+def test_below_its_floor_the_log_pauses_and_says_so_to_all(
+    tmp_path: Path, record_property: Record
+) -> None:
     with scene(tmp_path, floor_mb=1) as made, made.streaming() as client:
         ballast = made.fill(1_500_000)
         words = (
@@ -232,15 +241,17 @@ def test_below_its_floor_the_log_pauses_and_says_so_to_all(tmp_path: Path) -> No
         (path,) = made.logs.glob("*.mcap")
         list(read_log(path))
         ballast.unlink()
+        begin = time.monotonic()
         made.daemon.expect("log works again")
         made.notice("on")
-        check(made, client)
+        record_property("back after, s", time.monotonic() - begin)
+        check(made, client, record_property)
 
 
 @pytest.mark.nightly
 @needs_mounts
 def test_a_folder_that_becomes_read_only_is_written_again_when_it_can_be(
-    tmp_path: Path,
+    tmp_path: Path, record_property: Record
 ) -> None:
     """Seen when a fresh file is begun, as soon as the next record comes."""
     folder = str(tmp_path / "logs")
@@ -249,15 +260,17 @@ def test_a_folder_that_becomes_read_only_is_written_again_when_it_can_be(
         assert os.strerror(errno.EROFS) in made.daemon.expect("log failed")
         assert os.strerror(errno.EROFS) in made.notice("paused")["reason"]
         made.mount("umount", folder)
+        begin = time.monotonic()
         made.daemon.expect("log works again")
         made.notice("on")
-        check(made, client)
+        record_property("back after, s", time.monotonic() - begin)
+        check(made, client, record_property)
 
 
 @pytest.mark.nightly
 @needs_mounts
 def test_files_that_are_removed_cost_what_was_in_them_and_two_seconds(
-    tmp_path: Path,
+    tmp_path: Path, record_property: Record
 ) -> None:
     with scene(tmp_path) as made, made.streaming() as client:
         (path,) = made.logs.glob("*.mcap")
@@ -268,7 +281,7 @@ def test_files_that_are_removed_cost_what_was_in_them_and_two_seconds(
         assert time.monotonic() - begin < 3.0
         made.notice("paused")
         made.notice("on")
-        check(made, client)
+        check(made, client, record_property)
 
 
 @pytest.mark.nightly
