@@ -233,6 +233,9 @@ def _add_output(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
 
 
 def _add_streams(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
+    own_hz, others = board.sample_rate_hz, board.others
+    named = (f"{each.sample_rate_hz} with {each.name}" for each in others)
+    rates = " or ".join([str(own_hz), *named])
     parser.add_argument(
         "--stream",
         action="store_true",
@@ -241,13 +244,13 @@ def _add_streams(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
     parser.add_argument(
         "--raw",
         action="store_true",
-        help=f"also send the raw samples, all {board.sample_rate_hz} per second",
+        help=f"also send the raw samples, all {rates} per second",
     )
     parser.add_argument(
         "--rate",
         metavar="HZ",
-        type=whole(1, board.sample_rate_hz),
-        help=f"poses per second, 1 to {board.sample_rate_hz} (default: 100)",
+        type=whole(1, max([own_hz, *(each.sample_rate_hz for each in others)])),
+        help=f"poses per second, 1 to {rates} (default: 100)",
     )
 
 
@@ -312,6 +315,9 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("--probe names one of --motion LOG")
     if getattr(args, "sensor", None):
         args.board = args.board.with_sensor(args.sensor)
+    most_hz = args.board.sample_rate_hz
+    if args.rate is not None and args.rate > most_hz:
+        args.parser.error(f"argument --rate: {args.rate} is not in 1..{most_hz}")
     with contextlib.ExitStack() as stack:
         if args.motion:
             _take_motion(args, stack)

@@ -65,6 +65,26 @@ def test_another_sensor_has_its_word_its_image_and_its_rate(
 
 
 @each_board
+def test_each_sensor_has_its_own_limit_of_rates(
+    board: VirtualBoard, emulator: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image = emulator.with_name("image.elf")
+    image.touch()
+    words = ["sim", board.name, "--simulator", str(emulator), "--image", str(image)]
+    words += ["--seconds", "1"]
+    (other, *_) = board.others
+    for limit, sensor in (
+        (board.sample_rate_hz, []),
+        (other.sample_rate_hz, ["--sensor", other.name]),
+    ):
+        assert cli.main([*words, *sensor, "--rate", str(limit)]) == 3
+        with pytest.raises(SystemExit) as end:
+            cli.main([*words, *sensor, "--rate", str(limit + 1)])
+        assert end.value.code == 2
+        assert f"{limit + 1} is not in 1..{limit}" in capsys.readouterr().err
+
+
+@each_board
 def test_its_usual_sensor_has_no_word(board: VirtualBoard, emulator: Path) -> None:
     image = emulator.with_name("image.elf")
     image.touch()
