@@ -235,7 +235,9 @@ class Fleet:
         last: tuple[Any, ...] = (),
     ) -> Connection:
         ours, theirs = self._spawn.Pipe()
-        process = self._spawn.Process(target=target, args=(*arguments, theirs, *last))
+        # Daemonic: they end with the benchmark, though a later one cannot start.
+        words = (*arguments, theirs, *last)
+        process = self._spawn.Process(target=target, args=words, daemon=True)
         process.start()
         theirs.close()
         self._processes.append(process)
