@@ -28,6 +28,8 @@ import notices
 import release_pico
 from pico_sources import PicoSources
 
+from hardware.archive import NAME as PARTS
+
 ROOT = Path(__file__).resolve().parent.parent
 PLACE = ROOT / "build" / "release"
 REVISION = "revision.txt"  # read by firmware/platforms/build_text.py where no git is
@@ -186,11 +188,11 @@ class Release:
 
     def add_parts(self) -> None:
         """The parts to print, if `make hardware` has built those of this commit."""
-        built = ROOT / "build" / "hardware" / "imu-probe-hardware.zip"
+        built = ROOT / "build" / "hardware" / PARTS
         if built.exists():
             words = (sys.executable, "-m", "hardware.archive", "--check", built)
             self.run("parts to print", *words)
-            shutil.copy(built, self.dist / f"imu-probe-hardware-{self.version}.zip")
+            shutil.copy(built, self.dist / f"{built.stem}-{self.version}.zip")
 
     def _name(self, package: Path, module: str, parts: notices.Parts) -> None:
         """The version and the notices of a package beside the main one."""
