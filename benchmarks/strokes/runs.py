@@ -43,7 +43,7 @@ SIGMAS = {
 
 ALMOST = [[1.0, 2.0**-14, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
-TIP = {"offset_m": (0.12, 0.005, -0.01), "method": "tape"}
+TIP = {"offset_m": (0.12, 0.005, -0.01), "method": "typed"}
 
 # Makes a hand from its random numbers, the rate of the records in Hz, and its plan.
 MakeHand = Callable[[np.random.Generator, float, Plan], Legs]
