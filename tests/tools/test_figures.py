@@ -20,7 +20,7 @@ UNCHECKED = {
     *("README", "accuracy", "calibration", "calibration-methods", "card"),
     *("clock", "f405", "faults", "fleet", "honesty", "imud", "limb", "limb-methods"),
     *("limits", "mega", "micropython", "motions"),
-    *("page", "pico", "since-origin", "slicer"),
+    *("pico", "since-origin", "slicer"),
     "strokes-methods",
 }
 CHECKED = {
@@ -29,6 +29,7 @@ CHECKED = {
     "check",
     "f405",
     "honesty",
+    "page",
     "pose",
     "proof",
     "ros2",
