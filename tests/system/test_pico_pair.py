@@ -17,7 +17,12 @@ from imud.virtual import sensors
 from imud.virtual.boards import PICO as VIRTUAL
 from imud.virtual.motion import Motion
 from length import choose
-from system.test_pico import CLICK, assert_the_poses_are_the_hosts, followed
+from system.test_pico import (
+    CLICK,
+    MICROPYTHON,
+    assert_the_poses_are_the_hosts,
+    followed,
+)
 from system.virtual import PICO, Run, Stub, run, write_hand
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -74,6 +79,20 @@ def test_without_a_wire_times_are_those_of_the_edges_and_poses_as_good(
     assert np.percentile(np.abs(late_us), 99) < 100
     errors = [tilt_error_deg(done, hand) for done in (wired, polled)]
     assert errors[1] == pytest.approx(errors[0], abs=0.1)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("ready", ["wire", "none"])
+def test_micropython_finds_the_pair_too(pico: Stub, ready: str) -> None:
+    if not MICROPYTHON.exists():
+        leave_out("MicroPython for the Pico is not there")
+    stub = dataclasses.replace(pico, image=MICROPYTHON)
+    done = followed(stub, 30, *PAIR, "--wire", "usb", "--ready", ready)
+    hello = done.named("hello")[-1].fields
+    assert (hello["board"], hello["sensor"]) == ("micropython", "lsm6dsox")
+    assert list(hello["who_am_i"]) == [0x6C, 0x3D]
+    assert_the_poses_are_the_hosts(done, 2700)
 
 
 def off_grid_us(times_us: FloatArray) -> FloatArray:
