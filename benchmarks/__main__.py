@@ -67,7 +67,8 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "host/clocks.py",
         "host/soak.py",
         "host/soak.py --hours 1 --keep-mb 100",
-        "host/tested.py",
+        "host/tested.py clock",
+        "host/tested.py sites",
     ),
     "attacks": (
         "an hour of attacks on the daemon, beside its clients",

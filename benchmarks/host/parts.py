@@ -103,11 +103,18 @@ def fleet(found: Results) -> Results:
     return {"rows": rows}
 
 
-def tested(found: Results) -> Results:
-    """Of host/tested.py: what tests recorded."""
-    demand(len(found) == 2, f"{', '.join(found)} alone")
-    (sites,) = found["sites"].values()
-    return {"clock": found["clock"], "sites": sites}
+def dated(found: Results) -> Results:
+    """Of host/tested.py clock: each board and link."""
+    demand(len(found) >= 4, f"{len(found)} boards and links")
+    return found
+
+
+def sites(found: Results) -> Results:
+    """Of host/tested.py sites: each fault."""
+    faults: Results
+    (faults,) = found.values()
+    demand(len(faults) >= 7, f"{len(faults)} figures")
+    return faults
 
 
 def attacks(found: list[Results]) -> Results:

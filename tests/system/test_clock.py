@@ -124,7 +124,7 @@ def test_samples_are_timed_to_a_millisecond(
     later = device_ns - device_ns[0] > 10e9
     bound_us = np.array([pose["t_bound_us"] or np.inf for pose in got])
     for name, value in figures(error_us, bound_us, later).items():
-        record_property(name, value)
+        record_property(name, float(value))
     assert np.abs(error_us[later]).max() < 1000.0
     assert np.mean(np.abs(error_us) <= bound_us) > 0.99
     assert bound_us[later].max() < 6000.0

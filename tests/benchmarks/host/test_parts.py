@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks.common.whole import NotWholeError
 from benchmarks.host import parts
-from benchmarks.host.tested import recorded
+from benchmarks.host.tested import by_parameters
 
 RUN = {"is_relay": False, "seconds": 3.0, "poses_sent": 9, "poses_heard": 7}
 
@@ -30,7 +29,8 @@ RUN = {"is_relay": False, "seconds": 3.0, "poses_sent": 9, "poses_heard": 7}
         (parts.soak, {"hours": 1.0}),
         (parts.soak_limited, {"hours": 3.0, "keep_mb": 0}),
         (parts.stages, {"runs": 2, "turns": 50}),
-        (parts.tested, {"clock": {}}),
+        (parts.dated, {"nano-a wire": {}}),
+        (parts.sites, {"test_sites": {}}),
     ],
 )
 def test_partial_results_are_refused(part: Any, found: Any) -> None:
@@ -42,19 +42,9 @@ def test_what_never_arrived_was_missed() -> None:
     assert parts.missed(RUN | {"dropped": 3, "overrun": 1}) == 6
 
 
-def test_numbers_that_a_test_recorded_are_those_of_its_parameters(
-    tmp_path: Path,
-) -> None:
-    report = tmp_path / "report.xml"
-    case = '<testcase name="{}"><properties>{}</properties></testcase>'
-    value = '<property name="error_us" value="12.5"/>'
-    report.write_text(
-        "<testsuites><testsuite>"
-        + case.format("test_dates[nano-a wire]", value)
-        + case.format("test_sites", value)
-        + '<testcase name="test_of_nothing"/></testsuite></testsuites>'
-    )
-    assert recorded(report) == {
+def test_figures_of_tests_have_their_parameters_for_names() -> None:
+    found = {"dates[nano-a wire]": {"error_us": 12.5}, "sites": {"missed": 2}}
+    assert by_parameters(found) == {
         "nano-a wire": {"error_us": 12.5},
-        "test_sites": {"error_us": 12.5},
+        "sites": {"missed": 2},
     }
