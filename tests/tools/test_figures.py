@@ -43,6 +43,7 @@ CHECKED = {
     "accuracy",
     "check",
     "f405",
+    "fleet",
     "honesty",
     "limits",
     "page",
