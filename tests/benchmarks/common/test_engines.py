@@ -12,6 +12,7 @@ import pytest
 from benchmarks.common import capture, engines, feed, scoring
 from benchmarks.common.boards import IMAGES
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.virtual import motion, sensors
 
 OTHERS = {
@@ -41,7 +42,7 @@ def turned() -> motion.Motion:
     ahead = rotation.multiply(back[:-1], quat[1:])
     rate = rotation.to_rotation_vector(ahead) * rate_hz
     count = len(quat)
-    up = np.tile([0.0, 0.0, feed.GRAVITY_M_S2], (count, 1))
+    up = np.tile([0.0, 0.0, GRAVITY_M_S2], (count, 1))
     field = np.tile([0.0, 20.0, -44.0], (count, 1))
     noise = np.random.default_rng(1).standard_normal((2, count, 3))
     return motion.Motion(

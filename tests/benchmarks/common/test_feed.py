@@ -11,10 +11,11 @@ import pytest
 
 from benchmarks.common import capture, feed, wire
 from benchmarks.common.boards import BOARDS
+from imud.gravity import GRAVITY_M_S2
 from imud.virtual import motion, sensors
 from imud.wire import messages
 
-G = feed.GRAVITY_M_S2
+G = GRAVITY_M_S2
 CHIPS = pytest.mark.parametrize(
     "chip", [feed.MPU9250, feed.LSM9DS0], ids=lambda chip: chip.sensor
 )

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from imud import rotation
+from imud.gravity import GRAVITY_M_S2
 from imud.virtual import motion, sensors
 from imud.virtual.motion import Motion
 from imud.virtual.sensors import SensorErrors, World
@@ -55,7 +56,7 @@ def test_specific_force_is_acceleration_against_gravity(exact: Motion) -> None:
     velocity = known(exact.velocity)
     acceleration = (velocity[2:] - velocity[:-2]) * RATE_HZ / 2.0
     felt = rotation.rotate(known(exact.quat), exact.acc)[1:-1]
-    up = np.array([0.0, 0.0, motion.GRAVITY_M_S2])
+    up = np.array([0.0, 0.0, GRAVITY_M_S2])
     assert np.abs(acceleration).max() > 3.0
     # The surface's grain at 60 Hz is what 2 ms resolve worst: 2.4 % of its strength.
     assert np.abs(acceleration + up - felt).max() < 0.05
@@ -94,7 +95,7 @@ def test_a_rest_is_perfectly_still(exact: Motion) -> None:
     assert exact.is_rest is not None
     assert np.abs(exact.gyr[exact.is_rest]).max() < 1e-12
     force = np.linalg.norm(exact.acc[exact.is_rest], axis=1)
-    assert force == pytest.approx(motion.GRAVITY_M_S2, abs=1e-12)
+    assert force == pytest.approx(GRAVITY_M_S2, abs=1e-12)
 
 
 def runs(flags: motion.BoolArray) -> list[slice]:
@@ -165,7 +166,7 @@ def test_noise_has_the_data_sheets_strength_after_the_chips_low_pass() -> None:
         for values in (made.gyr, made.acc)
     ]
     assert math.degrees(rms(averaged[0])) == pytest.approx(0.1, rel=0.1)
-    assert rms(averaged[1]) / motion.GRAVITY_M_S2 == pytest.approx(8e-3, rel=0.1)
+    assert rms(averaged[1]) / GRAVITY_M_S2 == pytest.approx(8e-3, rel=0.1)
     assert rms(made.mag - made.mag.mean(axis=0)) == pytest.approx(0.6, rel=0.1)
 
 
