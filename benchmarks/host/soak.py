@@ -157,7 +157,6 @@ def soak(
     return {
         "hours": hours,
         "seed": seed,
-        "keep_mb": keep_mb,
         "seconds": seconds,
         "frames_a_second": sum(result["sent"] for result in results) / seconds,
         "probes": results,
@@ -217,6 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         where = Path(folder)
         hours, probes = options.hours, options.probes
         result = soak(hours, probes, options.seed, where, options.keep_mb)
+    result["keep_mb"] = options.keep_mb
     tell(result)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(json.dumps(result, indent=1) + "\n")

@@ -25,7 +25,6 @@ UNCHECKED = {
     "clock",
     "f405",
     "faults",
-    "fleet",
     "honesty",
     "imud",
     "limb",
