@@ -264,7 +264,7 @@ def test_a_binary_file_is_named(
     file = tmp_path / "imud.toml"
     file.write_bytes(data)
     (line,) = check(file, capsys)
-    assert "is not TOML" in line or "is no text" in line
+    assert "is not TOML" in line or "is not a text file" in line
 
 
 def test_what_can_not_be_read_is_named(
