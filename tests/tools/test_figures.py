@@ -57,7 +57,7 @@ CHECKED = {
 AWAITED = {
     *("strokes-image-f405", "strokes-image-mega"),
     *("calibration-crowd", "calibration-rough"),
-    *("calibration-shops", "calibration-warm"),
+    *("calibration-shops"),
 }
 
 RESULTS = {
