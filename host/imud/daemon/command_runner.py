@@ -67,7 +67,7 @@ class CommandRunner:
         changes something is told to all, with who gave it.
         """
         try:
-            entry = self._commander.entry_of(probe)
+            entry = self._commander.heard(probe)
             value = await self.run(probe, command, parameters)
         except ImudError as error:
             answer(b"", str(error))

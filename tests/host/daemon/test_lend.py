@@ -10,7 +10,7 @@ import serial
 
 from chain import Chain
 from imud.commands import LENT_MAX_S
-from imud.errors import CommandRefused
+from imud.errors import CommandRefused, ImudError
 from streaming import until
 
 
@@ -52,6 +52,22 @@ def test_a_port_that_nobody_returns_comes_back_by_itself(tmp_path: Path) -> None
         chain.client.command(chain.probe.name, "lend", seconds="1")
         until(lambda: is_free(chain))
         until(lambda: not is_free(chain))
+    finally:
+        chain.close()
+
+
+def test_the_port_of_old_firmware_is_lent_and_nothing_else_is_sent(
+    tmp_path: Path,
+) -> None:
+    chain = Chain(tmp_path)
+    try:
+        name = chain.probe.name
+        chain.port.write(chain.probe.say("hello", schema_fingerprint=1))
+        until(lambda: chain.client.statuses(name)[0]["state"] == "other schema")
+        with pytest.raises(ImudError, match="update it with imud flash"):
+            chain.client.command(name, "start")
+        assert chain.client.command(name, "lend", seconds="60")["ok"]
+        until(lambda: is_free(chain))
     finally:
         chain.close()
 
