@@ -116,7 +116,11 @@ def _mount() -> None:
 def _copy(image: bytes, target: Path, on_progress: OnProgress) -> None:
     done = 0
     try:
-        with target.open("wb") as file:
+        file = target.open("wb")
+    except OSError as error:
+        raise FlashError(f"can't write {target}: {error.strerror}") from error
+    try:
+        with file:
             for at in range(0, len(image), PIECE):
                 file.write(image[at : at + PIECE])
                 file.flush()

@@ -154,6 +154,16 @@ def test_a_full_or_yanked_drive_is_told(
         pico.flash(None, FILE, yank)
 
 
+def test_a_drive_that_cannot_be_written_leaves_the_board_as_it_was(
+    loader: Loader,
+) -> None:
+    loader.appear(restarts=False)
+    (loader.folder / "FIRMWARE.UF2").mkdir()
+    with pytest.raises(FlashError, match="can't write .*Is a directory") as told:
+        pico.flash(None, FILE, quiet)
+    assert not isinstance(told.value, HalfWritten)
+
+
 def failing(_file: int) -> None:
     raise OSError(5, os.strerror(5))
 
