@@ -159,7 +159,7 @@ def test_a_drive_that_cannot_be_written_leaves_the_board_as_it_was(
 ) -> None:
     loader.appear(restarts=False)
     (loader.folder / "FIRMWARE.UF2").mkdir()
-    with pytest.raises(FlashError, match="can't write .*Is a directory") as told:
+    with pytest.raises(FlashError, match=r"can't write .*Is a directory") as told:
         pico.flash(None, FILE, quiet)
     assert not isinstance(told.value, HalfWritten)
 
