@@ -158,7 +158,9 @@ def cycles(found: Results) -> Results:
     if "rates" in found:
         kept["rates"] = {str(each["sample_hz"]): each for each in found["rates"]}
     if "parts" in found:
-        kept["parts"] = {name: part["mean"] for name, part in found["parts"].items()}
+        means = {name: part["mean"] for name, part in found["parts"].items()}
+        own = (mean for name, mean in means.items() if name.startswith("fuse."))
+        kept["parts"] = means | {"filter": sum(own, means.get("filter", 0.0))}
     return kept
 
 
