@@ -22,12 +22,10 @@ UNCHECKED = {
     "calibration",
     "calibration-methods",
     "card",
-    "honesty",
     "imud",
     "limb-methods",
     "mega",
     "micropython",
-    "since-origin",
     "slicer",
     "strokes-methods",
 }
@@ -50,6 +48,7 @@ CHECKED = {
     "proof",
     "ros2",
     "security",
+    "since-origin",
     "strokes",
     "tip",
 }
