@@ -17,8 +17,6 @@ ROOT = figures.ROOT
 
 # Documents with figures that no file of benchmarks/results has yet; some have others.
 UNCHECKED = {
-    "README",
-    "accuracy",
     "limb-methods",
     "mega",
     "micropython",
