@@ -27,11 +27,10 @@ from imud.body.posture import Posture
 from imud.body.session import Alignment
 from imud.body.state import (
     BodyState,
-    JointState,
     Presence,
     SegmentState,
     Stage,
-    named,
+    joints,
     place,
 )
 from imud.body.tracks import AWAY_S, GAP_S, Track
@@ -115,7 +114,7 @@ class LiveBody:
             missing=tuple(n for n, state in presences.items() if state != "ok"),
             remarks=(*self.remarks, *self._feet.remarks()),
             segments=self._segments(shown, presences, now_s),
-            joints=self._joints(shown),
+            joints=joints(self.chain, shown),
         )
 
     @property
@@ -330,26 +329,6 @@ class LiveBody:
                     end_m=marks.pop("end", None),
                     marks_m=marks,
                     contact=self._feet.state(name) if is_there else None,
-                )
-            )
-        return tuple(states)
-
-    def _joints(self, shown: Posture | None) -> tuple[JointState, ...]:
-        states = []
-        places = posture.places(self.chain, shown.quats) if shown is not None else {}
-        for parent, child in self.chain.joints():
-            angles = sigmas = None
-            if shown is not None and child.name in shown.angles:
-                angles = named(child.joint.angles, shown.angles[child.name][0])
-                sigmas = named(child.joint.angles, shown.sigmas[child.name][0])
-            states.append(
-                JointState(
-                    parent=parent.name,
-                    child=child.name,
-                    kind=child.kind,
-                    at_m=place(places.get(f"{child.name}.start")),
-                    angles_deg=angles,
-                    sigmas_deg=sigmas if angles is not None else None,
                 )
             )
         return tuple(states)

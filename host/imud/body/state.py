@@ -14,6 +14,9 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from imud.body import posture
+from imud.body.chain import Chain
+from imud.body.posture import Posture
 from imud.rotation import FloatArray
 
 Vector = tuple[float, float, float]
@@ -99,3 +102,25 @@ def named(names: Sequence[str], rad: FloatArray) -> dict[str, float] | None:
         return None
     degrees = np.degrees(rad).tolist()
     return {name: round(each, 2) for name, each in zip(names, degrees, strict=True)}
+
+
+def joints(chain: Chain, shown: Posture | None) -> tuple[JointState, ...]:
+    """The joints of a posture at a moment; None before alignment."""
+    states = []
+    places = posture.places(chain, shown.quats) if shown is not None else {}
+    for parent, child in chain.joints():
+        angles = sigmas = None
+        if shown is not None and child.name in shown.angles:
+            angles = named(child.joint.angles, shown.angles[child.name][0])
+            sigmas = named(child.joint.angles, shown.sigmas[child.name][0])
+        states.append(
+            JointState(
+                parent=parent.name,
+                child=child.name,
+                kind=child.kind,
+                at_m=place(places.get(f"{child.name}.start")),
+                angles_deg=angles,
+                sigmas_deg=sigmas if angles is not None else None,
+            )
+        )
+    return tuple(states)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Virtual probes: `imud sim nano`, `f405`, `micropython`, and `imud sim leg`."""
+"""Virtual probes: `imud sim nano` and the other boards; sim_leg.py has their leg."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imud.cli import sim_leg
 from imud.cli.arguments import above_zero, add_command, whole
 from imud.defaults import PAGE
 from imud.virtual.boards import BOARDS, VirtualBoard
@@ -90,73 +91,7 @@ def add(commands: Commands) -> None:
         _add_hardware(parser, board)
         parser.set_defaults(run=_run, parser=parser, board=board)
 
-    _add_leg(boards)
-
-
-def _add_leg(boards: Commands) -> None:
-    parser = add_command(
-        boards,
-        "leg",
-        "run three virtual probes on a leg that stands, squats, raises its knee and "
-        "walks",
-        "imud sim leg, then: imud run --config imud-leg/imud.toml, then: imud body "
-        "imud-leg/leg.toml",
-        "It writes the files of the daemon and of the body into a folder, and repeats "
-        "its motion until Ctrl-C.",
-    )
-    parser.add_argument(
-        "--board",
-        choices=("nano", "f405", "mega"),
-        default="nano",
-        help="board of each probe (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--dir",
-        metavar="DIR",
-        type=Path,
-        default=Path("imud-leg"),
-        help="folder for its files and serial ports (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--walk",
-        metavar="S",
-        type=above_zero,
-        default=30.0,
-        help="duration of each walk, s (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--seed",
-        metavar="N",
-        type=whole(0, 2**24),
-        default=1,
-        help="random seed of the leg, and of the mounting and errors of its probes "
-        "(default: %(default)s)",
-    )
-    parser.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
-    _add_programs(parser)
-    parser.set_defaults(run=_run_leg)
-
-
-def _add_programs(parser: argparse.ArgumentParser) -> None:
-    for name, metavar, what in (
-        ("image", "ELF", "firmware image"),
-        ("simulator", "PATH", "emulator"),
-    ):
-        parser.add_argument(
-            f"--{name}",
-            metavar=metavar,
-            type=Path,
-            help=f"{what} (default: the one built in this project)",
-        )
-
-
-def _run_leg(args: argparse.Namespace) -> int:
-    from imud.virtual import sim_leg
-
-    args.board = BOARDS[args.board]
-    return sim_leg.run(args)
+    sim_leg.add(boards)
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
@@ -293,7 +228,7 @@ def _add_hardware(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
     for name in WIRE:
         unit, text = _WIRE[name]
         parser.add_argument(f"--{name}", metavar=unit, type=float, help=text)
-    _add_programs(parser)
+    sim_leg.add_programs(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
