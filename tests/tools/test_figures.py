@@ -18,8 +18,6 @@ ROOT = figures.ROOT
 # Documents with figures that no file of benchmarks/results has yet; some have others.
 UNCHECKED = {
     "limb-methods",
-    "mega",
-    "micropython",
     "slicer",
 }
 CHECKED = {
@@ -38,6 +36,8 @@ CHECKED = {
     "limb",
     "limb-methods",
     "limits",
+    "mega",
+    "micropython",
     "motions",
     "page",
     "pico",
