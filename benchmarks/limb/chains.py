@@ -87,7 +87,7 @@ def scored(made: Made, found: session.BodyAnalysis) -> list[Score]:
         off = (seen - truth + np.pi) % (2.0 * np.pi) - np.pi
         good = np.isfinite(off).all(axis=1) & rows
         sigmas = found.posture.sigmas[child.name][good]
-        withheld = 1.0 - good.sum() / rows.sum()
+        withheld = 1.0 - float(good.sum() / rows.sum())
         if not good.any():
             nan = math.nan
             scores.append(Score(child.kind, nan, plain, nan, nan, withheld))
