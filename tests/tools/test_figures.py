@@ -17,7 +17,6 @@ ROOT = figures.ROOT
 
 # Documents with figures that no file of benchmarks/results has yet; some have others.
 UNCHECKED = {
-    "limb-methods",
     "slicer",
 }
 CHECKED = {
