@@ -100,7 +100,7 @@ class Walker:
         if self.filter is not None:
             step = self.filter.advance(step_s, gyr, acc, clipped)
             self._weigh(self.filter, step_s, gyr)
-        elif self._sure_s >= FIRST_S and np.isfinite(quat).all():
+        elif self._sure_s >= FIRST_S and np.isfinite([*quat, tilt]).all():
             known = heading if math.isfinite(heading) else 0.0
             self.filter = ZeroVelocity(quat, tilt, known)
             self._faced_s = time_s

@@ -283,3 +283,18 @@ def test_a_foot_begins_where_its_attitude_is_known():
         walker.update(track.times_s[row], 0.005, samples, (known, 0.01, 0.02))
         assert (walker.filter is None) == (row < 200)
     assert np.isfinite(walker.sigmas).all()
+
+
+def test_a_foot_that_stands_while_the_filter_starts_has_a_path():
+    """A filter that was just powered on states no tilt error for 2.7 s."""
+    walk = made_gait.made(GAITS["walk"], STRIDES, 37)
+    track = track_of(walk)
+    starts = track.times_s < track.times_s[0] + 2.7
+    tilt, heading = (
+        np.where(starts, np.nan, each)
+        for each in (track.tilt_sigma, track.heading_sigma)
+    )
+    found = contact.path(replace(track, tilt_sigma=tilt, heading_sigma=heading))
+    assert len(found.rests) >= len(walk.contacts) - 1
+    assert np.isfinite(found.place[found.rests[-1][1]]).all()
+    assert np.isfinite(found.sigmas[found.rests[-1][1]]).all()
