@@ -125,6 +125,9 @@ def rows_of(text: str) -> Iterator[str]:
 def inline(text: str) -> Iterator[Figure]:
     """Figures behind a comment of their own."""
     for comment in INLINE.finditer(text):
+        if text[: comment.start()].endswith("\n"):
+            # CommonMark takes the line for HTML, and shows its Markdown as it is.
+            raise BadFigureError(f"put a word on the line before {comment[0]}")
         number = NUMBER.match(text, comment.end())
         if number is None:
             raise BadFigureError(f"no number follows {comment[0]}")

@@ -127,8 +127,8 @@ n; b, c * 100
     [
         ("<!-- figure: is:a:x -->1.49 degrees", []),
         ("<!-- figure: is:b, c * 100 -->**99.6** %", []),
-        ("one\n<!-- figure: is:a:x -->1.5", []),
-        ("one\n<!-- figure: is:a:x -->1.50", ["2: 1.50, but is:a:x is 1.49"]),
+        ("one\n or <!-- figure: is:a:x -->1.5", []),
+        ("one\n or <!-- figure: is:a:x -->1.50", ["2: 1.50, but is:a:x is 1.49"]),
         ("<!-- figure: is:null -->2", ["1: 2, but is:null is -"]),
         ("<!-- figures: is\nnull\n-->\n|a|\n|---|\n| b | - |\n", []),
         ("<!-- figure: is:a:z -->1", ["1: is:a:z: there is no z"]),
@@ -165,6 +165,7 @@ def test_figures_that_differ_are_updated() -> None:
     ("text", "told"),
     [
         ("<!-- figure: is:a:x -->about 1", "no number follows"),
+        ("one\n<!-- figure: is:a:x -->1.5", "put a word on the line before"),
         ("<!-- figures: is\na:x\n-->\nwords", "no table follows the figures of is"),
         (
             "<!-- figures: is\na:x\n-->\n| a |\n|---|\n| b | 1 2 |\n",
