@@ -39,7 +39,8 @@ from imud.rotation import FloatArray
 WINDOW_S = 60.0  # of the latest samples
 LEAST_S = 20.0
 # If all of them yield no usable fit, this many of the newest are tried: a magnet put on
-# the probe changes its own field, so samples before and after it do not fit together.
+# the probe changes its own field, so samples before and after it do not fit together; a
+# room may have another field there.
 PARTS_S = (30.0, 16.0)
 EVERY_S, SELDOM_S, GROWTH = 3.0, 60.0, 1.15  # between two fits; without news
 TURNED_RAD = math.pi  # since the last fit, at least: a probe at rest shows nothing new
@@ -51,6 +52,9 @@ BETTER = 0.9
 # Beyond these it is no module of ours, or the motion was no motion of a hand.
 AWAY_MAX = 0.15  # of an entry of a matrix
 REST_MAX_RAD_S = math.radians(2.0)  # error of a bias that only motion shows
+# Sigmas by which the own field differs from that of all samples where a magnet was put
+# on: 15 and more with 30 uT; in uneven rooms 3 at most.
+MAGNETISED = 5.0
 ACC_BIAS_MAX_M_S2 = 0.8 * GRAVITY_M_S2
 
 
@@ -161,16 +165,19 @@ def learned_of(work: Work) -> Learned:
     rate = gyr.apply(np.array(at.rate))
     rest_step = (at.t_us - begin_us) / 1e6 / recording.step_s
     made = {"temperature_c": recording.temperature_c, "method": METHOD}
+    whole: MotionFit | None = None
     for start in _starts(calibrated):
         found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
         if found is not None and not _is_module(found):
             # Shorter parts are not reliable: their priors alone would make them look
             # good.
             return Learned(None, rest)
+        if start == 0:
+            whole = found
         if found is None or not _is_sound(found) or not _is_better(found, before):
             continue
         proposal = _proposal(found, base, before, scale, made)
-        if start == 0 or proposal is None:
+        if start == 0 or proposal is None or not _is_magnetised(found, whole):
             return Learned(proposal, rest)
         since_us = begin_us + round(start * recording.step_s * 1e6)
         return Learned(_with_filter_reset(proposal, at, scale), rest, since_us)
@@ -251,6 +258,16 @@ def _is_sound(found: MotionFit) -> bool:
     readings from before are left out.
     """
     return _is_near(found.mag.matrix) and of_magnets(found.mag) is None
+
+
+def _is_magnetised(found: MotionFit, whole: MotionFit | None) -> bool:
+    """Whether a magnet was put on within the recording: then the own field of its
+    newest part, `found`, is not that of all of it. In an uneven room both agree.
+    """
+    if whole is None or not _is_sound(whole):
+        return True
+    moved_ut = float(np.linalg.norm(found.mag.bias - whole.mag.bias))
+    return moved_ut > MAGNETISED * math.radians(found.field_deg) * found.mag.level_ut
 
 
 def _is_near(matrix: FloatArray) -> bool:
