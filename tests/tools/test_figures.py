@@ -15,10 +15,7 @@ import figures
 
 ROOT = figures.ROOT
 
-# Documents with figures that no file of benchmarks/results has yet; some have others.
-UNCHECKED = {
-    "slicer",
-}
+# Documents that cite results.
 CHECKED = {
     "README",
     "accuracy",
@@ -49,8 +46,6 @@ CHECKED = {
     "strokes-methods",
     "tip",
 }
-# Files of results that documents have places for, and that no run has written yet.
-AWAITED: set[str] = set()
 
 RESULTS = {
     "is": {
@@ -65,14 +60,7 @@ RESULTS = {
 
 @pytest.mark.parametrize("path", figures.documents(), ids=lambda path: path.stem)
 def test_each_figure_equals_the_results(path: Path) -> None:
-    awaited = [f"there is no benchmarks/results/{name}.json" for name in AWAITED]
-    found = figures.differences(path.read_text("utf-8"))
-    assert [line for line in found if line.partition(": ")[2] not in awaited] == []
-
-
-def test_no_awaited_results_exist() -> None:
-    there = {path.stem for path in figures.RESULTS.glob("*.json")}
-    assert not there & AWAITED, "take it out of AWAITED"
+    assert list(figures.differences(path.read_text("utf-8"))) == []
 
 
 def test_the_documents_in_checked_have_markers() -> None:
@@ -81,7 +69,7 @@ def test_the_documents_in_checked_have_markers() -> None:
         assert figures.figures(path.read_text("utf-8")), name
 
 
-def test_a_document_that_cites_a_benchmark_is_checked_or_listed() -> None:
+def test_a_document_that_cites_a_benchmark_is_checked() -> None:
     cites = re.compile(r"make bench|benchmarks/(?!pictures)\w+/\w+\.py")
     citing = {
         path.stem
@@ -89,7 +77,7 @@ def test_a_document_that_cites_a_benchmark_is_checked_or_listed() -> None:
         if cites.search(path.read_text("utf-8"))
     }
     free = {"README", "change", "architecture", "motion-files", "glossary", "safety"}
-    assert citing - free <= UNCHECKED | CHECKED
+    assert citing - free <= CHECKED
 
 
 @pytest.fixture
