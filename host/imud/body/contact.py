@@ -33,6 +33,8 @@ from imud.rotation import FloatArray
 
 REST_S = 0.02  # of less, so many seconds make a rest
 SWING_S = 0.15  # a shorter pause between rests is none
+# Nobody steps so soon; but a foot that rolls off its toes may slow down once more.
+STEP_S = 0.3
 # So calm for so long, and it stands, although its speed seems some sigmas off; and for
 # so long, whatever that seems: a foot in the air is so calm for 0.3 s at most.
 SURE, SURE_S, SURELY_S, FIRST_S = 1.0, 0.15, 0.5, 0.4
@@ -122,16 +124,15 @@ class Walker:
             self._still_s, self._turned = 0.0, np.zeros(3)
 
     def _stand(
-        self,
-        filter_: ZeroVelocity,
-        time_s: float,
-        gyr: FloatArray,
-        pose: Pose,
+        self, filter_: ZeroVelocity, time_s: float, gyr: FloatArray, pose: Pose
     ) -> None:
         """A sample at which it seems to stand."""
         sigma = MOVES_S * math.sqrt(self.stance.energy)
         is_new = not self.is_down
         if not is_new and time_s - self._stood_s < SAME_S:
+            return
+        since_s = time_s - self.rest.end_s if self.rest is not None else math.inf
+        if is_new and SWING_S <= since_s < STEP_S and self._sure_s < SURE_S:
             return
         # A foot that glides off slowly from a rest measures no more than a standing
         # one: its error grows.

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.limb import feet, made_gait
+from benchmarks.common.feed import sampled
+from benchmarks.limb import clocks, feet, legs, made_gait
 from benchmarks.limb.feet import track_of
 from benchmarks.limb.made_gait import GAITS
 from imud.body import contact, stance
@@ -19,6 +20,7 @@ from imud.body.tracks import Track
 from imud.body.zero_velocity import Clipped, Step, ZeroVelocity
 from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
+from imud.virtual import leg
 
 STRIDES = 12
 RUN = GAITS["run"]
@@ -298,3 +300,17 @@ def test_a_foot_that_stands_while_the_filter_starts_has_a_path():
     assert len(found.rests) >= len(walk.contacts) - 1
     assert np.isfinite(found.place[found.rests[-1][1]]).all()
     assert np.isfinite(found.sigmas[found.rests[-1][1]]).all()
+
+
+def test_a_foot_that_rolls_off_slowly_has_not_landed_again():
+    """Of leg 205 it took the end of many a roll for a step of 9 cm."""
+    made = leg.made(205, leg.Manner(walk_s=60.0))
+    feeds = {name: sampled(each) for name, each in made.motions.items()}
+    random = np.random.default_rng([205, 0xC10C])
+    given = {name: clocks.dated(f.times_s, random) for name, f in feeds.items()}
+    foot = replace(legs.track_of(feeds["foot"]), times_s=given["foot"])
+    begin_s = made.stages["walk"][0]
+    found = contact.path(foot.between(begin_s - 1.0, begin_s + 13.0))
+    whole = found.strides[1:-1]
+    assert len(whole) >= 8
+    assert whole.min() > 0.9 * whole.max()
