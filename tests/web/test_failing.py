@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
+
+import pytest
 
 from web.desk import Desk, Seen
 
@@ -59,3 +62,19 @@ def test_a_view_that_can_not_be_left_is_left(shown: Seen) -> None:
     failed = shown.page.locator("[data-part=failed]")
     assert not failed.is_visible()
     assert REASON in shown.complaints.pop()
+
+
+@pytest.mark.nightly
+def test_a_daemon_that_is_slow_to_connect_is_waited_for(
+    shown: Seen, desk: Desk
+) -> None:
+    """After 3 s of silence the page connects again, which then takes 4 s: complaints of
+    a connection that was given up would fail the test.
+    """
+    desk.daemon.process.send_signal(signal.SIGSTOP)
+    try:
+        shown.page.wait_for_timeout(7000)
+    finally:
+        desk.daemon.process.send_signal(signal.SIGCONT)
+    shown.page.wait_for_selector('.link[data-state="open"]')
+    shown.until("!globalThis.imud.model.probe.isStale(performance.now())")

@@ -7,9 +7,10 @@
 /** @typedef {{ resolve: (answer: any) => void, reject: (error: Error) => void }} Waiting */
 
 // The server says something every 0.2 s; after a second without, it is silent, and after
-// three it connects again.
+// three the page connects again. A busy machine may take longer to connect.
 const SILENT_MS = 1000;
 const DEAD_MS = 3000;
+const CONNECT_MS = 10000;
 const RETRY_MS = [100, 250, 500, 1000];
 const SEEN_EVERY = 4;
 const HIDDEN_HZ = 5;
@@ -263,8 +264,9 @@ export class Link extends EventTarget {
     if (document.hidden || this._socket === null) {
       return;
     }
-    if (silentMs > DEAD_MS) {
-      const socket = this._socket;
+    const socket = this._socket;
+    const isConnecting = socket.readyState === WebSocket.CONNECTING;
+    if (silentMs > (isConnecting ? CONNECT_MS : DEAD_MS)) {
       socket.close();
       this._lost(socket);
     } else if (silentMs > SILENT_MS && this.state === "open") {
