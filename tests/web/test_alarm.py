@@ -32,10 +32,11 @@ def test_a_sound_tells_that_poses_stop_and_come_again(shown: Seen, desk: Desk) -
     page.get_by_text("Name, log, sound, rates, reset").click()
     page.get_by_label("sound when its poses stop").check()
     desk.hand.is_talking = False
-    shown.until("notes.length === 2")
+    # A busy machine may have paused the poses before.
+    shown.until("notes.slice(-2).join() === '440,330'")
     desk.hand.is_talking = True
-    shown.until("notes.length === 4")
-    assert page.evaluate("notes") == [440, 330, 330, 440]
+    shown.until("notes.slice(-2).join() === '330,440'")
+    assert page.evaluate("notes.slice(-4)") == [440, 330, 330, 440]
     page.get_by_label("sound when its poses stop").uncheck()
 
 
