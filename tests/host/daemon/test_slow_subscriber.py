@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -53,6 +54,13 @@ def port(tmp_path: Path) -> Iterator[Port]:
     made.vanish()
 
 
+def comes(is_so: Callable[[], bool]) -> bool:
+    """Whether it becomes true in time."""
+    with contextlib.suppress(AssertionError):
+        until(is_so)
+    return is_so()
+
+
 def resident_mb(pid: int) -> float:
     text = Path(f"/proc/{pid}/status").read_text("utf-8")
     (line,) = [line for line in text.splitlines() if line.startswith("VmRSS")]
@@ -99,13 +107,10 @@ def is_as_fast_beside_one_that_stands_still(
                 time.sleep(STOPPED_S)
                 during, grown = len(heard), resident_mb(pid) - memory
                 stuck.send(signal.SIGCONT)
-                begin = time.monotonic()
-                sent = stream.sent
+                begin, sent = time.monotonic(), stream.sent
                 until(lambda: stuck.ask()["last"] >= sent)
                 record_property("back_s", time.monotonic() - begin)
-            try:
-                until(lambda: len(heard) == stream.sent)
-            except AssertionError:
+            if not comes(lambda: len(heard) == stream.sent):
                 return False
             until(lambda: stuck.ask()["last"] == heard[-1][0])
             counts = zenoh_of(client)

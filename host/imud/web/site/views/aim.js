@@ -49,7 +49,13 @@ export class AimView {
     this.element = make(
       "section",
       { class: "aim view" },
-      make("div", { class: "chartside" }, this._polar.element, this._reading.element),
+      make(
+        "div",
+        // It scrolls on a tablet, also by the keyboard.
+        { class: "chartside", tabindex: "0", role: "region", "aria-label": "aim" },
+        this._polar.element,
+        this._reading.element,
+      ),
       make(
         "div",
         { class: "side" },
