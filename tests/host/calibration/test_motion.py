@@ -249,22 +249,14 @@ def test_a_magnet_put_on_spoils_only_what_was_before(since_s: float) -> None:
     assert np.abs(own - expected).max() < 3.0 * proposal.sigma_ut
 
 
-def test_where_no_magnet_was_put_on_the_filter_goes_on_with_a_shorter_part(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("verdicts", [[True], [False, True]], ids=["all", "a part"])
+def test_what_fits_without_a_magnet_lets_the_filter_continue(
+    verdicts: list[bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A field that changes in the room makes all of it fit badly, too."""
-    is_better = iter([False, True])
+    """Where a field changes in the room, only a part may be good enough."""
+    is_better = iter(verdicts)
     path = "imud.calibration.learned.learner._is_better"
     monkeypatch.setattr(path, lambda *_: next(is_better))
-    learner = Learner(SCALE)
-    proposal = worked(learner, used(80.0), b"").proposal
-    assert proposal is not None
-    assert filter_can_continue(b"", proposal.params.encode())
-    samples = learner.samples
-    assert samples[-1].t_us - samples[0].t_us == WINDOW_S * 1e6
-
-
-def test_a_full_window_that_fits_lets_the_filter_go_on() -> None:
     learner = Learner(SCALE)
     proposal = worked(learner, used(80.0), b"").proposal
     assert proposal is not None

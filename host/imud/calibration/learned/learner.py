@@ -177,7 +177,7 @@ def learned_of(work: Work) -> Learned:
         if found is None or not _is_sound(found) or not _is_better(found, before):
             continue
         proposal = _proposal(found, base, before, scale, made)
-        if start == 0 or proposal is None or not _is_magnetised(found, whole):
+        if start == 0 or proposal is None or not _is_magnetised(found, whole, proposal):
             return Learned(proposal, rest)
         since_us = begin_us + round(start * recording.step_s * 1e6)
         return Learned(_with_filter_reset(proposal, at, scale), rest, since_us)
@@ -260,14 +260,17 @@ def _is_sound(found: MotionFit) -> bool:
     return _is_near(found.mag.matrix) and of_magnets(found.mag) is None
 
 
-def _is_magnetised(found: MotionFit, whole: MotionFit | None) -> bool:
+def _is_magnetised(
+    found: MotionFit, whole: MotionFit | None, proposal: Proposal
+) -> bool:
     """Whether a magnet was put on within the recording: then the own field of its
-    newest part, `found`, is not that of all of it. In an uneven room both agree.
+    newest part, `found`, is not that of all of it, beyond the error that its
+    proposal states. In an uneven room both agree.
     """
     if whole is None or not _is_sound(whole):
         return True
     moved_ut = float(np.linalg.norm(found.mag.bias - whole.mag.bias))
-    return moved_ut > MAGNETISED * math.radians(found.field_deg) * found.mag.level_ut
+    return moved_ut > MAGNETISED * proposal.sigma_ut
 
 
 def _is_near(matrix: FloatArray) -> bool:
