@@ -107,7 +107,7 @@ class HeadingFilter:
         self, time_s: float, seen: Sequence[tuple[Sequence[float], float, float]]
     ) -> None:
         """A moment: of each sight its turns, variance, and how long its errors last. It
-        begins again if one of both probes was away.
+        restarts if either probe was away.
         """
         if self.last_s is not None and time_s - self.last_s > AWAY_S:
             self.variance, self.last_s = UNKNOWN**2, None

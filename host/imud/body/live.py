@@ -240,7 +240,7 @@ class LiveBody:
             self._end_zeros()
 
     def _end_zeros(self) -> None:
-        """Looks for zeros no more; those that are unknown stay so."""
+        """Ends the search for zeros; those that are unknown stay so."""
         self._zeroed_s = math.inf
         if self._alignment is not None and self._alignment.on_zeros:
             self._added.append(LOST)
