@@ -19,7 +19,7 @@ from typing import Any
 from benchmarks.calibration import parts as calibration
 from benchmarks.common import scoring
 from benchmarks.common.figure import SETS
-from benchmarks.common.paths import PROJECT, RESULTS
+from benchmarks.common.paths import PROJECT, RESULTS, write_results
 from benchmarks.common.whole import (
     NotWholeError,
     Results,
@@ -290,9 +290,7 @@ def keep(name: str) -> None:
     one = KEPT[name]
     found = json.loads((RESULTS / one.source).read_text("utf-8"))
     kept = {"command": f"make bench WHAT={one.what}", **rounded(one.part(found))}
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(kept, indent=1) + "\n"
-    (FOLDER / f"{name}.json").write_text(text, "utf-8")
+    write_results(FOLDER / f"{name}.json", kept)
 
 
 def keep_all(what: str, since: float) -> None:

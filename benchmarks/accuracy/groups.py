@@ -9,7 +9,6 @@ that the virtual boards would read. Seeds for tuning and for judging are kept ap
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -21,7 +20,7 @@ from benchmarks.common import engines, jobs, scoring
 from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.feed import sampled
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from imud.params.trusted import known_to, place_of
 from imud.virtual.motion import Motion
 from imud.virtual.motions.groups import GROUPS, JUDGING, SETS, Recipe, recipes
@@ -93,8 +92,7 @@ def measure_further(args: argparse.Namespace) -> None:
                 "worse": sum(each.is_worse for each in mine),
                 "figures": {figure.name: figure.value for figure in figures},
             }
-    FURTHER.parent.mkdir(parents=True, exist_ok=True)
-    FURTHER.write_text(json.dumps(sets, indent=1) + "\n")
+    write_results(FURTHER, sets)
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from benchmarks.accuracy import report
 from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.figure import Figure, ratio
+from benchmarks.common.paths import write_results
 from benchmarks.common.scoring import Coverage, Score
 from imud.virtual.motions.groups import Recipe
 
@@ -230,5 +230,4 @@ def write(outcomes: Sequence[Outcome], path: Path) -> None:
             for each in outcomes
         ],
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(report.plain(document), indent=1) + "\n")
+    write_results(path, report.plain(document))

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -14,6 +13,7 @@ from benchmarks.common import scoring
 from benchmarks.common.boards import IMAGES
 from benchmarks.common.engines import HOST, OFFLINE, VQF
 from benchmarks.common.figure import Figure, degrees, ratio
+from benchmarks.common.paths import write_results
 from benchmarks.common.scoring import Coverage, Score, Trial
 
 
@@ -221,8 +221,7 @@ def write(results: Sequence[Result], asked: Mapping[str, Any], path: Path) -> No
         ],
         "trace": next((each.trace for each in results if each.trace), None),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(plain(document), indent=1) + "\n")
+    write_results(path, plain(document))
 
 
 def plain(value: Any) -> Any:

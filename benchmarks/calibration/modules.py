@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import math
 import multiprocessing
 import subprocess
@@ -28,7 +27,7 @@ from benchmarks.calibration import asking, rough, shop_trials, simulated
 from benchmarks.calibration.cases import CASES, Case, Laid, crowd, laid
 from benchmarks.calibration.report import GUIDED, Results, parts_of, show
 from benchmarks.common.figure import SETS
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from imud.calibration import poses
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.guided import faults, whole
@@ -267,10 +266,8 @@ def main(arguments: Sequence[str]) -> None:
         show(results)
         for part, found in parts_of(results).items():
             report.setdefault(part, {})[which] = found
-    RESULTS.mkdir(parents=True, exist_ok=True)
     for part, of_sets in report.items():
-        path = RESULTS / f"calibration-{part}.json"
-        path.write_text(json.dumps(of_sets, indent=1), "utf-8")
+        write_results(RESULTS / f"calibration-{part}.json", of_sets)
 
 
 if __name__ == "__main__":

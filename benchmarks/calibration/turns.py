@@ -9,7 +9,6 @@ Prints a line for each angle and fault, and writes build/benchmarks/turns.json.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,7 +23,7 @@ from benchmarks.common.boards import NANO
 from benchmarks.common.engines import HOST
 from benchmarks.common.feed import NO_READING, Feed, sampled
 from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.honesty.since_origin import published
 from imud.calibration.algebra import units
 from imud.calibration.guided import housing, whole
@@ -191,8 +190,7 @@ def main(arguments: Sequence[str]) -> None:
         print(f"\nseeds for {which}\n")
         for figure in figures(report[which]):
             print(figure)
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(report))
+    write_results(OUTPUT, report)
 
 
 if __name__ == "__main__":

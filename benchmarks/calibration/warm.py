@@ -11,7 +11,6 @@ during development.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -27,7 +26,7 @@ from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.honesty.cases import EARTH_UT, SAMPLES_C
 from imud import rotation
 from imud.calibration.guided import whole
@@ -181,9 +180,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             lines[f"{kind}, calibrated {how}"] = line_of(errors)
     title = f"{args.set}, {AWAY_K:.0f} K away, {args.modules} modules a line: degrees"
     report.print_table(title, HEADS, {name: cells(lines[name]) for name in lines})
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
     found = {"set": args.set, "modules": args.modules, "lines": lines}
-    OUTPUT.write_text(json.dumps(found, indent=1) + "\n", "utf-8")
+    write_results(OUTPUT, found)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,8 @@ from benchmarks.common.feed import Feed
 from benchmarks.common.images import RunFailed, flashed
 from imud.probes.session import OtherSchema, Probe, Received, Session
 from imud.rotation import FloatArray
+from imud.stages.twin import Twin
+from imud.stages.twin_outcomes import TwinState
 from imud.virtual import boards, motion, sim
 from imud.virtual.memory import memory_with
 
@@ -37,6 +39,17 @@ class Capture:
     @property
     def pose_times_s(self) -> FloatArray:
         return self.feed.pose_times_s
+
+    def twin(self) -> Twin:
+        """What compared its poses and strokes with those that this machine's C computes
+        from its samples. RunFailed: it could not follow to the end.
+        """
+        twin = Twin()
+        for event in self.received:
+            twin.on_message(event.message, event.content, event.params)
+        if twin.state not in (TwinState.FOLLOWING, TwinState.DIFFERS):
+            raise RunFailed(f"the twin is {twin.state.value} at the end")
+        return twin
 
 
 def run(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.common.images import simulated
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from imud.card.disk import opened
 from imud.card.probe_log import find_log
 from imud.cli import main as imud
@@ -177,8 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 1
     for name, value in figures.items():
         sys.stdout.write(f"{name.replace('_', ' '):24}{value}\n")
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(figures, indent=1) + "\n")
+    write_results(args.output, figures)
     wrong = judge(figures)
     for line in wrong:
         sys.stdout.write(f"failed: {line}\n")

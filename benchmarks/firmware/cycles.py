@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -27,7 +26,7 @@ from typing import Any
 from benchmarks.common.boards import F405, MEGA, NANO, Board
 from benchmarks.common.feed import Samples
 from benchmarks.common.images import RunFailed, build, environments
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.firmware import commanded, filters, parts
 from benchmarks.firmware.budget import Line, SumsDiffer, by_part, figures, print_parts
 from benchmarks.firmware.f405_load import RATES, at_rate, each_filter, print_rates
@@ -217,8 +216,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             args.seconds, args.seed, world=World(magnets=MAGNETS), errors=ERRORS
         ).save(hand)
         lines, result = OF[board](hand, args)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(json.dumps(result, indent=1) + "\n")
+    write_results(output, result)
     broken = [line for line in lines if not line.is_kept]
     for line in broken:
         print(f"too much: {line.name}: {line.value:g}")

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common.paths import PROJECT, RESULTS
+from benchmarks.common.paths import PROJECT, RESULTS, write_results
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
@@ -123,8 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
         else:
             print(f"{kind:40}{row}")
-    RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text(json.dumps(result, indent=2) + "\n")
+    write_results(RESULT, result)
 
 
 if __name__ == "__main__":

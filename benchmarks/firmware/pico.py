@@ -9,7 +9,6 @@ emulator counts cycles without waits for memory.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -23,11 +22,9 @@ from benchmarks.common import capture as captures
 from benchmarks.common import scoring
 from benchmarks.common.capture import Capture
 from benchmarks.common.images import RunFailed, flashed
-from benchmarks.common.paths import PROJECT, RESULTS
+from benchmarks.common.paths import PROJECT, RESULTS, write_results
 from imud.errors import ImudError
 from imud.rotation import FloatArray
-from imud.stages.twin import Twin
-from imud.stages.twin_outcomes import TwinState
 from imud.virtual import motion, sensors
 from imud.virtual.motion import Motion
 from imud.wire import messages
@@ -45,16 +42,6 @@ SETTLED_S = 30.0  # from here on errors count: the level and the field are found
 SHORTER = 3  # MicroPython runs this part of the motion: its emulation is slower
 
 
-def compared(capture: Capture) -> dict[str, int]:
-    """How many poses this machine's C computes too, and how many of them otherwise."""
-    twin = Twin()
-    for event in capture.received:
-        twin.on_message(event.message, event.content, event.params)
-    if twin.state not in (TwinState.FOLLOWING, TwinState.DIFFERS):
-        raise RunFailed(f"the twin is {twin.state.value} at the end")
-    return {"poses": twin.compared, "different": twin.differed}
-
-
 def ram_of(image: Path) -> int:
     """Bytes of an image's sections in RAM, with its stack and its copied code."""
     lines = subprocess.run(
@@ -70,12 +57,13 @@ def ram_of(image: Path) -> int:
 
 def told(capture: Capture) -> dict[str, Any]:
     """The figures of a run."""
-    summary = capture.summary
+    summary, twin = capture.summary, capture.twin()
     counted = ["late", "flash"]
     if summary["samples"]:  # of those that a pin shows; polled ones are not
         counted += ["cycles_mean", "cycles_worst"]
     return {
-        **compared(capture),
+        "poses": twin.compared,
+        "different": twin.differed,
         **{name: summary[name] for name in counted},
         "lost": capture.lost,
         "awake": 1.0 - summary["idle"],
@@ -83,9 +71,9 @@ def told(capture: Capture) -> dict[str, Any]:
     }
 
 
-def off_grid_us(times_us: FloatArray) -> FloatArray:
+def off_grid_us(times_us: FloatArray, period_us: float = PERIOD_US) -> FloatArray:
     """From the nearest multiple of the sensor's period."""
-    return np.asarray((times_us + PERIOD_US / 2) % PERIOD_US - PERIOD_US / 2)
+    return np.asarray((times_us + period_us / 2) % period_us - period_us / 2)
 
 
 def times_of(capture: Capture, wired: Capture) -> dict[str, float]:
@@ -162,8 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     with tempfile.TemporaryDirectory() as folder:
         found = measure(args.seconds, args.seed, Path(folder))
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(found, indent=1) + "\n")
+    write_results(args.output, found)
     differ = [
         name
         for name, each in found.items()

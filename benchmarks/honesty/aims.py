@@ -12,7 +12,6 @@ example: python -m benchmarks.honesty.aims --quick
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -29,6 +28,7 @@ from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, Estimate
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure
+from benchmarks.common.paths import write_results
 from benchmarks.honesty.arguments import output_of, parser_of
 from benchmarks.honesty.since_origin import (
     known_params,
@@ -203,8 +203,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sets[kind] = line_of(aims) | shown(aims)
             figures += figures_of(aims, kind)
     output = output_of(args, "aims")
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(json.dumps({"seeds": args.seeds, "sets": sets}, indent=1))
+    write_results(output, {"seeds": args.seeds, "sets": sets})
     report.print_figures(figures, is_judged=True)
     return int(any(each.verdict == "MISSED" for each in figures))
 

@@ -10,7 +10,6 @@ docs/honesty.md explains the columns.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure
+from benchmarks.common.paths import write_results
 from benchmarks.honesty.arguments import output_of, parser_of
 from benchmarks.honesty.cases import CASES, GROUPS, Case
 from benchmarks.honesty.stated import Stated
@@ -132,8 +132,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             "lines": [asdict(line) for line in lines],
             "figures": [asdict(one) | {"verdict": one.verdict} for one in found],
         }
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(report.plain(document), indent=1) + "\n")
+    write_results(args.output, report.plain(document))
     print(f"\n{missed} figures are outside their limits" if missed else "")
     return 1 if missed else 0
 

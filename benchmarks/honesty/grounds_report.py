@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 from benchmarks.accuracy import groups_report, report
 from benchmarks.accuracy.groups_report import Summary
 from benchmarks.common.figure import SETS, Figure
+from benchmarks.common.paths import write_results
 from benchmarks.common.scoring import Coverage, Score
 
 # Groups in which a stated heading must inform: good modules in even rooms, and on foot.
@@ -191,5 +191,4 @@ def write(outcomes: Sequence[Outcome], path: Path) -> None:
             ],
         }
     document = {"sets": sets, "recordings": [asdict(each) for each in outcomes]}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(report.plain(document), indent=1) + "\n")
+    write_results(path, report.plain(document))

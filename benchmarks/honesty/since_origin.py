@@ -12,7 +12,6 @@ name. docs/since-origin.md explains the equations.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -30,7 +29,7 @@ from benchmarks.common.boards import BOARDS, NANO
 from benchmarks.common.engines import HOST, Estimate
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure, degrees
-from benchmarks.common.paths import RECORDINGS, RESULTS
+from benchmarks.common.paths import RECORDINGS, RESULTS, write_results
 from benchmarks.common.scoring import SIGMAS
 from imud import rotation
 from imud.params.trusted import CALIBRATED, known_to
@@ -291,10 +290,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         print(f"{line.motion:6}{line.after_s:5.0f} s", *parts, sep="")
     output = output_of(args)
-    output.parent.mkdir(parents=True, exist_ok=True)
     asked = {"set": args.set, "every": args.every, "runs": len(found)}
     document = asked | {"lines": [asdict(line) for line in lines]}
-    output.write_text(json.dumps(document, indent=1))
+    write_results(output, document)
     if args.recordings is not None or {*args.motions} != {*aiming.MOTIONS}:
         return 0
     judged = [*figures(lines)]

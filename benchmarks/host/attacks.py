@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import array
 import contextlib
-import json
 import multiprocessing
 import os
 import random
@@ -36,7 +35,7 @@ from benchmarks.common.load import (
     rss_mib,
     wait_for_line,
 )
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.host.live import latency
 from imud.client import Client
 from imud.net import keys
@@ -236,8 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{each['lines']} lines\n"
         )
         sys.stdout.flush()
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(found, indent=1))
+    write_results(OUTPUT, found)
     ratio = found[1]["p99_us"] / found[0]["p99_us"]
     is_good = found[1]["lost"] == 0 and ratio <= P99_RATIO_MAX
     sys.stdout.write(f"p99 {ratio:.2f} of alone: {'met' if is_good else 'NOT met'}\n")

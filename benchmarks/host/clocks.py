@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import random
 import sys
 import time
@@ -16,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from imud.probes.clock import ProbeClock
 from imud.probes.timeline import Timeline
 
@@ -99,8 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for row, (micros, kept) in enumerate(rows, 1):
         print(f"{row * options.messages // POINTS:10,}{micros:10.1f}{kept:10,}")
     print(f"{result['outside']} outside of their bound")
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(result, indent=1) + "\n")
+    write_results(options.json, result)
     return 0
 
 

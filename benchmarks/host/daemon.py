@@ -9,7 +9,6 @@ CLOCK_MONOTONIC.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.host import soak
 from benchmarks.host.decoding import decoding, tell_decoding
 from benchmarks.host.live import live
@@ -120,8 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             soaked = soak.soak(options.hours, 1, 1, Path(folder))
         found["memory"] = soaked["memory"]
         tell_memory(soaked["memory"])
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(found, indent=1) + "\n")
+    write_results(options.json, found)
     return 0
 
 

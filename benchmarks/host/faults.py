@@ -5,7 +5,6 @@ keeps what these record. docs/faults.md has the table.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.common.paths import PROJECT, RESULTS
+from benchmarks.common.paths import PROJECT, RESULTS, write_results
 
 # Below tests/host.
 TESTS = (
@@ -52,9 +51,8 @@ def main(_: Sequence[str] | None = None) -> int:
     status = int(pytest.main(words, plugins=[recorder]))
     for name, values in recorder.found.items():
         print(f"{name}: {values}")
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
     results = {"failed": status, "tests": recorder.found}
-    OUTPUT.write_text(json.dumps(results, indent=1) + "\n")
+    write_results(OUTPUT, results)
     return status
 
 

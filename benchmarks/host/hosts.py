@@ -12,7 +12,6 @@ the processors that stayed idle is printed with each row.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import tempfile
@@ -23,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.host.fleet import Fleet, Size
 from benchmarks.host.hops import run
 
@@ -137,9 +136,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = f"row {number} of {len(sizes)}: {took_s:.0f} s, load {load:.1f}\n"
         sys.stderr.write(text)
     tell(rows)
-    options.json.parent.mkdir(parents=True, exist_ok=True)
     found = {"has_log": options.log, "rows": rows, "line": straightness(rows)}
-    options.json.write_text(json.dumps(found, indent=1) + "\n")
+    write_results(options.json, found)
     return 0
 
 

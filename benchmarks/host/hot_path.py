@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import logging
 import os
 import sys
@@ -19,7 +18,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from benchmarks.common.load import free_endpoint
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.common.source import PERIOD_US, Source
 from imud.config.settings import Config, ZenohSettings
 from imud.daemon.hub import Hub
@@ -203,8 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{name:38}{stages[name]:7.1f} us", flush=True)
     found = {"probes": options.probes, "turns": options.turns, "runs": runs}
     found |= {"tared": options.tared, "stages_us": stages}
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(found, indent=1) + "\n")
+    write_results(OUTPUT, found)
     return 0
 
 

@@ -10,7 +10,6 @@ them, as told, and how large its folder is stands beside the memory.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -23,7 +22,7 @@ from typing import Any
 from mcap.reader import make_reader
 
 from benchmarks.common.load import rss_mib
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.common.source import PERIOD_US, RATE_HZ
 from benchmarks.host.faulty_line import CHUNK, Line
 from imud.daemon.hub import Hub
@@ -218,8 +217,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         result = soak(hours, probes, options.seed, where, options.keep_mb)
     result["keep_mb"] = options.keep_mb
     tell(result)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(json.dumps(result, indent=1) + "\n")
+    write_results(output, result)
     return 0 if result["ok"] else 1
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.common.paths import PROJECT, RESULTS
+from benchmarks.common.paths import PROJECT, RESULTS, write_results
 from benchmarks.host.faults import Recorder
 
 TESTS = {
@@ -41,11 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     recorder = Recorder()
     words = ["-q", "-p", "no:cacheprovider", *TESTS[what]]
     status = int(pytest.main(words, plugins=[recorder]))
-    text = json.dumps(by_parameters(recorder.found), indent=1)
-    print(text)
+    found = by_parameters(recorder.found)
+    print(json.dumps(found, indent=1))
     if status == 0:
-        RESULTS.mkdir(parents=True, exist_ok=True)
-        (RESULTS / f"tested-{what}.json").write_text(text + "\n")
+        write_results(RESULTS / f"tested-{what}.json", found)
     return status
 
 

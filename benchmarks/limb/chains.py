@@ -6,7 +6,6 @@ tuning and for judging are kept apart.
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common.options import parser_of
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.limb import made_chain, peers
 from benchmarks.limb.made_chain import Made
 from imud import rotation
@@ -216,9 +215,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             sets[name][how] = {"seeds": len(SETS[name]), "kinds": kinds, "rows": joints}
             print(f"{what}: rms of angles in degrees")
             print(table_of(kinds), flush=True)
-    args.output.parent.mkdir(parents=True, exist_ok=True)
     report = {"seconds": args.seconds, "sets": sets}
-    args.output.write_text(json.dumps(report, indent=1))
+    write_results(args.output, report)
     return 0
 
 

@@ -8,7 +8,6 @@ example: python -m benchmarks.limb.feet --sets judging --feet 4
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common.options import parser_of
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.limb import made_gait, peers
 from benchmarks.limb.made_gait import (
     BARE,
@@ -188,8 +187,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(line_of(label, row), flush=True)
             report[name][label] = row | {"rows": [asdict(each) for each in scores]}
         progress.end()
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(report, indent=1))
+    write_results(args.output, report)
     return 0
 
 

@@ -8,7 +8,6 @@ Seeds for tuning and for judging are kept apart.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +18,7 @@ import numpy as np
 from benchmarks.common.engines import ENGINES, HOST
 from benchmarks.common.feed import Feed, sampled
 from benchmarks.common.options import parser_of
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.limb import clocks, peers
 from imud.body import chain, contact, level, mounting, posture, tracks
 from imud.body.chain import Chain
@@ -210,9 +209,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         sets[name] = summary(rows) | {"rows": rows}
         print(f"{name}: {len(seeds)} legs, rms in degrees, {args.walk:g} s of walking")
         print(table_of(sets[name]))
-    args.output.parent.mkdir(parents=True, exist_ok=True)
     report = {"walk_s": args.walk, "sets": sets}
-    args.output.write_text(json.dumps(report, indent=1))
+    write_results(args.output, report)
     return 0
 
 

@@ -27,7 +27,7 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from benchmarks.common.load import cpu_s, feed, free_endpoint, idle_s, rss_mib
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.page.desk import ARGUMENTS
 
 OUTPUT = RESULTS / "page.json"
@@ -274,8 +274,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             found["views"][view] = drawing(page, options.seconds) | about
         found["memory"] = memory(page, options.minutes)
         browser.close()
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text(json.dumps(found, indent=1) + "\n")
+    write_results(options.json, found)
     tell(found)
     return 0
 

@@ -7,7 +7,6 @@ and writes build/benchmarks/strokes-image-BOARD.json.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import tempfile
@@ -24,7 +23,7 @@ from benchmarks.common.boards import F405, STROKING, Board
 from benchmarks.common.capture import Capture
 from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.images import RunFailed, build
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import (
     Case,
@@ -36,8 +35,6 @@ from benchmarks.strokes.runs import (
     run_of,
 )
 from imud.errors import ImudError
-from imud.stages.twin import Twin
-from imud.stages.twin_outcomes import TwinState
 
 CASES = (
     *("supported, 1 s", "between rests, 1 s", "on paper, 2 s", "raw module, 1 s"),
@@ -91,18 +88,6 @@ def found_by(capture: Capture, run: Run) -> Found:
     return found_of(ends, np.array(turned), run.true)
 
 
-def differing(capture: Capture) -> int:
-    """How many poses and strokes of the image this machine's C computes otherwise.
-    RunFailed: it could not follow to the end.
-    """
-    twin = Twin()
-    for event in capture.received:
-        twin.on_message(event.message, event.content, event.params)
-    if twin.state not in (TwinState.FOLLOWING, TwinState.DIFFERS):
-        raise RunFailed(f"the twin is {twin.state.value} at the end")
-    return twin.differed
-
-
 def without_strokes(board: Board, folder: Path) -> Path:
     """The image, built without strokes."""
     options = {"PLATFORMIO_BUILD_FLAGS": FLAG, "PLATFORMIO_BUILD_DIR": str(folder)}
@@ -150,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tipped = replace(runs[0], case=replace(runs[0].case, has_tip=True))
         each = [sent(board, image, run) for run in runs]
         every = sent(board, image, tipped, round(board.chip.rate_hz))
-        unequal += sum(map(differing, [*each, every]))
+        unequal += sum(one.twin().differed for one in [*each, every])
         row = on_host.row_of(runs[0].case, list(map(found_by, each, runs)))
         worst, worst_tip = worst_of(each), worst_of([every])
         rows.append(row | {"cycles_worst": worst, "cycles_worst_tip": worst_tip})
@@ -161,9 +146,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, cost in costs.items():
         print(f"{name:22}" + "".join(f"{cost[key]:>14.0f}" for key in COSTS))
     output = RESULTS / f"strokes-image-{board.name}.json"
-    output.parent.mkdir(parents=True, exist_ok=True)
     report = {"runs": args.runs, "rows": rows, "other_bits": unequal, "costs": costs}
-    output.write_text(json.dumps(report, indent=1))
+    write_results(output, report)
     return 1 if unequal else 0
 
 

@@ -9,7 +9,6 @@ those of judging were not. docs/strokes-methods.md explains the columns.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -19,7 +18,7 @@ import numpy as np
 
 from benchmarks.common.boards import BOARDS, F405
 from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.strokes.runs import ACC_DENSITY, Case, Found, measure, run_of
 from imud.progress import Progress
 from imud.virtual.stroking import A4, CIRCLE, Plan
@@ -179,7 +178,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         progress.update(number + 1)
     figures += figures_of(rows)
     print(*figures, sep="\n")
-    output.parent.mkdir(parents=True, exist_ok=True)
     report = {
         "set": args.set,
         "board": args.board,
@@ -187,7 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "paths": paths,
         "figures": [asdict(each) for each in figures],
     }
-    output.write_text(json.dumps(report, indent=1))
+    write_results(output, report)
     return 1 if any(each.verdict == "MISSED" for each in figures) else 0
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import functools
-import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -23,7 +22,7 @@ from dataclasses import asdict
 import numpy as np
 
 from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import Case, Run, measure, run_of
 from imud import rotation
@@ -233,8 +232,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "errors_cm": errors,
         "figures": [asdict(each) for each in figures],
     }
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(report, indent=1))
+    write_results(OUTPUT, report)
     return 1 if any(each.verdict == "MISSED" for each in figures) else 0
 
 

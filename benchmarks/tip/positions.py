@@ -6,13 +6,12 @@ build/benchmarks/tip-positions.json; docs/tip.md explains it.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from imud.calibration.affine import MethodError
 from imud.calibration.algebra import onto, turn, units
 from imud.calibration.path import UP
@@ -132,8 +131,7 @@ def main() -> int:
             f"{name:48}{row['found']:9.0f}{row['median']:8.2f}{row['p95']:8.2f}"
             f"{row['inside']:8.1f}"
         )
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps({"runs": RUNS, "rows": rows}, indent=1) + "\n")
+    write_results(OUTPUT, {"runs": RUNS, "rows": rows})
     return 0
 
 

@@ -9,7 +9,6 @@ docs/tip.md explains the columns.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -23,7 +22,7 @@ import numpy as np
 from benchmarks.common import feed
 from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.modules import module_of
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RESULTS, write_results
 from imud.calibration.algebra import units
 from imud.calibration.faults import CalibrationFault
 from imud.calibration.recording import Sample, Scale
@@ -299,14 +298,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(show(rows[-1]))
     figures = list(figures_of(done))
     print(*figures, sep="\n")
-    args.output.parent.mkdir(parents=True, exist_ok=True)
     report = {
         "set": args.set,
         "rows": rows,
         "figures": [asdict(each) for each in figures],
         "runs": {name: [asdict(run) for run in runs] for name, runs in done.items()},
     }
-    args.output.write_text(json.dumps(report, indent=1))
+    write_results(args.output, report)
     return 1 if any(each.verdict == "MISSED" for each in figures) else 0
 
 

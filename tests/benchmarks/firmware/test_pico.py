@@ -25,14 +25,12 @@ def test_times_are_compared_with_the_edges_of_the_run_with_the_wire() -> None:
     assert found["99_us"] == pytest.approx(20.0)
 
 
-def test_cycles_are_told_of_samples_that_a_pin_shows(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(pico, "compared", lambda _: {"poses": 9, "different": 0})
+def test_cycles_are_told_of_samples_that_a_pin_shows() -> None:
+    twin = Made(compared=9, differed=0)
     names = ("late", "flash", "cycles_mean", "cycles_worst", "idle", "stack_max")
     for samples in (0, 5):
         summary = dict.fromkeys(names, 0.25) | {"samples": samples}
-        run: Any = Made(summary=summary, lost=1)
+        run: Any = Made(summary=summary, lost=1, twin=lambda: twin)
         found = pico.told(run)
         assert found["awake"] == 0.75
         assert ("cycles_mean" in found) == (samples > 0)

@@ -34,7 +34,7 @@ def test_the_image_measures_a_stroke_by_its_button(capture: Capture, run: Run) -
     found = on_board.found_by(capture, run)
     assert len(found.errors) == 1
     assert np.linalg.norm(found.errors) < 0.005
-    assert on_board.differing(capture) == 0
+    assert capture.twin().differed == 0
 
 
 def test_a_stroke_of_other_bits_is_counted(capture: Capture) -> None:
@@ -43,9 +43,9 @@ def test_a_stroke_of_other_bits_is_counted(capture: Capture) -> None:
     content = bytearray(received[at].content)
     content[-1] ^= 1
     received[at] = msgspec.structs.replace(received[at], content=bytes(content))
-    assert on_board.differing(replace(capture, received=received)) == 1
+    assert replace(capture, received=received).twin().differed == 1
 
 
 def test_a_capture_that_cannot_be_followed_is_no_proof(capture: Capture) -> None:
     with pytest.raises(RunFailed, match="the twin is"):
-        on_board.differing(replace(capture, received=capture.received[:5]))
+        replace(capture, received=capture.received[:5]).twin()
