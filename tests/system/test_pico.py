@@ -44,6 +44,13 @@ def pico(tmp_path: Path) -> Stub:
     return Stub(PICO, SIMULATOR, IMAGE, tmp_path)
 
 
+def with_micropython(pico: Stub) -> Stub:
+    """The same board with MicroPython."""
+    if not MICROPYTHON.exists():
+        leave_out("MicroPython for the Pico is not there")
+    return dataclasses.replace(pico, image=MICROPYTHON)
+
+
 def followed(stub: Stub, seconds: float, *options: object) -> Run:
     """A hand moves it, while its origin and its filter change."""
     words: list[object] = ["--motion", write_hand(stub.folder / "hand", seconds)]
@@ -95,10 +102,7 @@ def test_without_a_data_ready_wire_it_asks_and_its_times_are_those_of_the_edges(
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("ready", ["wire", "none"])
 def test_micropythons_poses_are_those_of_the_host(pico: Stub, ready: str) -> None:
-    if not MICROPYTHON.exists():
-        leave_out("MicroPython for the Pico is not there")
-    stub = dataclasses.replace(pico, image=MICROPYTHON)
-    done = followed(stub, 60, "--wire", "usb", "--ready", ready)
+    done = followed(with_micropython(pico), 60, "--wire", "usb", "--ready", ready)
     assert_the_poses_are_the_hosts(done, 5700)
     hello = done.named("hello")[-1].fields
     assert hello["board"] == "micropython"

@@ -11,23 +11,24 @@ import numpy as np
 import pytest
 
 from benchmarks.common import scoring
+from benchmarks.firmware.pico import off_grid_us
 from demanded import leave_out
-from imud.rotation import FloatArray
 from imud.virtual import sensors
 from imud.virtual.boards import PICO as VIRTUAL
 from imud.virtual.motion import Motion
 from length import choose
 from system.test_pico import (
     CLICK,
-    MICROPYTHON,
     assert_the_poses_are_the_hosts,
     followed,
+    with_micropython,
 )
 from system.virtual import PICO, Run, Stub, run, write_hand
 
 ROOT = Path(__file__).resolve().parents[2]
 SIMULATOR, IMAGE = ROOT / VIRTUAL.simulator, ROOT / VIRTUAL.image
 PAIR = ("--sensor", "lsm6dsox")
+PERIOD_US = 32e6 / 6667  # the sensor's clock, divided by 32
 
 if not (SIMULATOR.exists() and IMAGE.exists()):
     leave_out("the virtual Pico is not there", is_whole_file=True)
@@ -73,8 +74,8 @@ def test_without_a_wire_times_are_those_of_the_edges_and_poses_as_good(
     edges_us, times_us = (
         np.array([raw.time_us for raw in done.named("raw")]) for done in (wired, polled)
     )
-    phase_us = np.median(off_grid_us(edges_us - edges_us[0]))
-    late_us = off_grid_us(times_us - edges_us[0] - phase_us)
+    phase_us = np.median(off_grid_us(edges_us - edges_us[0], PERIOD_US))
+    late_us = off_grid_us(times_us - edges_us[0] - phase_us, PERIOD_US)
     assert np.sqrt(np.mean(late_us**2)) < 30
     assert np.percentile(np.abs(late_us), 99) < 100
     errors = [tilt_error_deg(done, hand) for done in (wired, polled)]
@@ -85,20 +86,13 @@ def test_without_a_wire_times_are_those_of_the_edges_and_poses_as_good(
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("ready", ["wire", "none"])
 def test_micropython_finds_the_pair_too(pico: Stub, ready: str) -> None:
-    if not MICROPYTHON.exists():
-        leave_out("MicroPython for the Pico is not there")
-    stub = dataclasses.replace(pico, image=MICROPYTHON)
-    done = followed(stub, 30, *PAIR, "--wire", "usb", "--ready", ready)
+    done = followed(
+        with_micropython(pico), 30, *PAIR, "--wire", "usb", "--ready", ready
+    )
     hello = done.named("hello")[-1].fields
     assert (hello["board"], hello["sensor"]) == ("micropython", "lsm6dsox")
     assert list(hello["who_am_i"]) == [0x6C, 0x3D]
     assert_the_poses_are_the_hosts(done, 2700)
-
-
-def off_grid_us(times_us: FloatArray) -> FloatArray:
-    """From the nearest instant of the sensor: its clock has 6667 Hz, divided by 32."""
-    period_us = 32e6 / 6667
-    return np.asarray((times_us + period_us / 2) % period_us - period_us / 2)
 
 
 def tilt_error_deg(done: Run, hand: Motion) -> float:
