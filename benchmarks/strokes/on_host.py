@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """How well strokes are measured: a simulated hand, the firmware's C on this machine.
 
-Prints tables and writes build/benchmarks/strokes.json, of a Nano strokes-nano.json.
 Seeds are kept apart: those of --set tuning were looked at while the method was made,
 those of judging were not. docs/strokes-methods.md explains the columns.
 """
@@ -11,14 +10,13 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
+from benchmarks import harness
 from benchmarks.common.boards import BOARDS, F405
-from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import RESULTS, write_results
+from benchmarks.harness import SETS, Figure, Report, Table
 from benchmarks.strokes.runs import ACC_DENSITY, Case, Found, measure, run_of
 from imud.progress import Progress
 from imud.virtual.stroking import A4, CIRCLE, Plan
@@ -97,18 +95,23 @@ def row_of(case: Case, runs: Sequence[Found]) -> dict[str, float | str]:
     }
 
 
-def show(row: dict[str, float | str]) -> str:
-    return (
-        f"{row['case']:28}{row['strokes']:6d}{row['median_cm']:8.2f}{row['p95_cm']:7.2f}"
-        f"{row['under_1_cm']:8.1f}{row['inside']:8.1f}{row['sigma_cm']:8.2f}"
-        f"{row['floor']:7.2f}{row['other']:7.1f}"
-    )
+def table_of(rows: Sequence[dict[str, float | str]]) -> Table:
+    columns = {
+        **{"case": "", "strokes": "d", "median": ".2f", "p95": ".2f"},
+        **{"under 1 cm": ".1f", "inside": ".1f", "sigma": ".2f"},
+        **{"floor": ".2f", "other": ".1f"},
+    }
+    return Table("cases", columns, [tuple(row.values()) for row in rows])
 
 
-HEAD = (
-    f"{'case':28}{'n':>6}{'median':>8}{'p95':>7}{'<1 cm':>8}{'inside':>8}{'sigma':>8}"
-    f"{'floor':>7}{'other':>7}"
-)
+def paths_of(found: dict[str, dict[str, float]]) -> Table:
+    columns = {"corners, cm": ""} | {
+        f"{closed}, {which}": ".2f"
+        for closed in CLOSED.values()
+        for which in ("median", "p95")
+    }
+    rows = [(name, *each.values()) for name, each in found.items()]
+    return Table("paths", columns, rows)
 
 
 def figures_of(rows: Sequence[dict[str, float | str]]) -> Iterator[Figure]:
@@ -143,8 +146,7 @@ def path_figures(name: str, found: dict[str, float]) -> Iterator[Figure]:
         )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", choices=SETS, default="judging", help="of seeds")
     parser.add_argument("--runs", type=int, default=30, help="of 8 strokes, a case")
     parser.add_argument("--only", default="", help="cases whose name contains this")
@@ -154,10 +156,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=F405.name,
         help="whose samples; the host computes the strokes of a Nano",
     )
-    parser.add_argument("--output", type=Path)
-    args = parser.parse_args(arguments)
-    name = "strokes" if args.board == F405.name else f"strokes-{args.board}"
-    output = args.output or RESULTS / f"{name}.json"
+
+
+def measured(args: argparse.Namespace) -> Report:
+    """All cases, and the paths among them."""
     cases = [each for each in CASES if args.only in each.name]
     # The daemon tells the C of another board than a Nano, where it computes strokes.
     chip = replace(BOARDS[args.board].chip, board=F405.name)
@@ -166,27 +168,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows: list[dict[str, float | str]] = []
     paths: dict[str, dict[str, float]] = {}
     figures: list[Figure] = []
-    print(HEAD)
     for number, case in enumerate(cases):
         first = 1000 * CASES.index(case)
         runs = [measure(run_of(case, first + seed, chip)) for seed in seeds]
         rows.append(row_of(case, runs))
-        print(show(rows[-1]), flush=True)
         if case in PATHS:
             paths[case.name] = corners_of(case, runs)
             figures += path_figures(case.name, paths[case.name])
         progress.update(number + 1)
-    figures += figures_of(rows)
-    print(*figures, sep="\n")
-    report = {
-        "set": args.set,
-        "board": args.board,
-        "rows": rows,
-        "paths": paths,
-        "figures": [asdict(each) for each in figures],
-    }
-    write_results(output, report)
-    return 1 if any(each.verdict == "MISSED" for each in figures) else 0
+    tables = [table_of(rows), *([paths_of(paths)] if paths else [])]
+    return Report(tables, [*figures, *figures_of(rows)], {"rows": rows})
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    return harness.run(
+        "strokes", __doc__, measured, options, variants=["board"], arguments=arguments
+    )
 
 
 if __name__ == "__main__":
