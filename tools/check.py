@@ -100,7 +100,6 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "bootloaders", (python, "-m", "pytest", "-q", bootloaders)
     languages = "tests/host/client/test_languages.py"
     yield "examples", (python, "-m", "pytest", "-q", languages)
-    yield "subjects of commits", (python, "tools/commits.py")
     yield "types", ("mypy",)
     yield (
         "layout of C",
