@@ -3,7 +3,7 @@
 
 `make bench WHAT=...` does so after its programs. `python -m benchmarks.kept NAME` takes
 the file that a program wrote to build/benchmarks. Partial results, as of --trials or
---quick, are refused. tools/figures.py compares the documents with these files.
+--quick, are refused.
 """
 
 from __future__ import annotations
