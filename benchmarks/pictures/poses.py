@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from benchmarks.common.paths import PICTURES
+from benchmarks.pictures.box import Side, lying, sides
 from imud.calibration.poses import TWELVE, StaticPose
-from imud.cli.box import Side, lying, sides
 from imud.rotation import FloatArray
 
 OUTPUT = PICTURES / "poses.svg"

@@ -31,8 +31,6 @@ COLUMNS, ROWS = 80, 24
 # After the gyroscope's calibration, when the hand has begun to move the probe.
 WAIT_S = 60.0
 MOVING_S = 8.0
-MOMENT_S = 40.0
-PITCH_DEG, ROLL_DEG = 25.0, 40.0
 
 # Fonts of the viewer's machine, so that a picture loads none from a server.
 _FORMAT = re.sub(
@@ -96,19 +94,8 @@ def _follow() -> monitor.MonitorScreen:
             if now_s > until_s:
                 raise SystemExit("the probes did not stream; make firmware, make sim")
             now_s = monitor.follow(subscription, screen, now_s + 0.1)
-        now_s = monitor.follow(subscription, screen, now_s + MOVING_S)
-        until_s = now_s + MOMENT_S
-        # Wait for a moment at which both show a small pitch and roll.
-        while now_s < until_s and not all(map(_sees_horizon, screen.probes.values())):
-            now_s = monitor.follow(subscription, screen, now_s + 0.05)
+        monitor.follow(subscription, screen, now_s + MOVING_S)
     return screen
-
-
-def _sees_horizon(shown: monitor.Shown) -> bool:
-    if shown.pose is None:
-        return False
-    _, pitch, roll = shown.pose.yaw_pitch_roll_deg
-    return abs(pitch) < PITCH_DEG and abs(roll) < ROLL_DEG
 
 
 def _are_streaming(screen: monitor.MonitorScreen, now_s: float) -> bool:

@@ -13,16 +13,12 @@ from rich.live import Live
 from rich.text import Text
 
 from imud.calibration.guided.events import ProcedureStatus
-from imud.calibration.poses import ALL
 from imud.calibration.tip.guide import TipStatus
-from imud.cli.box import COLUMNS, picture
 from imud.cli.calibrate_tip_screen import tip_lines
 from imud.cli.keyboard import keys_of, pressed
 
 DRAW_S = 0.1
 BAR = 20  # characters
-
-POSES = {pose.name: pose for pose in ALL}
 
 
 def lines(probe: str, status: ProcedureStatus) -> list[Text]:
@@ -30,30 +26,20 @@ def lines(probe: str, status: ProcedureStatus) -> list[Text]:
     head = Text(f"{probe}  ", style="bold")
     head.append(f"pose {status.poses} of {status.of}", style="cyan")
     head.append(f"  {status.seconds:.0f} s", style="dim")
-    drawn = [" " * COLUMNS] * 7
-    if status.wanted is not None:
-        drawn = picture(POSES[status.wanted])
     filled = round(BAR * status.still_share) if status.is_still else 0
     bar = "█" * filled + "░" * (BAR - filled)
-    beside = [
-        Text(
-            status.instruction, style="bold green" if status.phase == "done" else "bold"
-        ),
+    style = "bold green" if status.phase == "done" else "bold"
+    return [
+        head,
+        Text(status.instruction, style=style),
         Text(f"{bar} {'still' if status.is_still else 'moves'}"),
         Text(""),
         _error("tilt   ", status.tilt_deg, is_good=status.is_level),
         _error("heading", status.heading_deg, is_good=status.is_headed),
         Text(""),
         Text(status.trouble or _mounting(status), style="yellow"),
+        Text("Enter evaluates now; q stops without changes", style="dim"),
     ]
-    shown = [head]
-    for left, right in zip(drawn, beside, strict=True):
-        line = Text(f" {left}  ", style="yellow")
-        line.append_text(right)
-        shown.append(line)
-    shown.append(Text(" X is its front, / its base", style="dim"))
-    shown.append(Text("Enter evaluates now; q stops without changes", style="dim"))
-    return shown
 
 
 def _mounting(status: ProcedureStatus) -> str:

@@ -101,7 +101,7 @@ def _lay(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
             break
         words = f"Lay it {wanted.words}, and let go"
         screen.line(f"{words} ({TIMEOUT_S:g} s; Enter skips it).")
-        screen.show(f"{words}. Enter skips it, q stops", None, wanted)
+        screen.show(f"{words}. Enter skips it, q stops", None)
         if item is not None:
             source.record(item, evidence)
             if item["type"] == "raw":

@@ -13,8 +13,6 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from imud.calibration.poses import StaticPose
-from imud.cli.box import picture
 from imud.cli.keyboard import keys_of, pressed
 
 DRAW_S = 0.1
@@ -58,10 +56,8 @@ class CheckScreen:
             self._console.file.write(f"{words}\n")
             self._console.file.flush()
 
-    def show(
-        self, words: str, share: float | None, pose: StaticPose | None = None
-    ) -> None:
-        """What is going on: how far, or how to lay the probe."""
+    def show(self, words: str, share: float | None) -> None:
+        """What is going on, and how far."""
         now_s = time.monotonic()
         if self._live is None or now_s - self._drawn_s < DRAW_S:
             return
@@ -70,9 +66,6 @@ class CheckScreen:
         if share is not None:
             filled = round(BAR * min(1.0, share))
             shown.append(Text("█" * filled + "░" * (BAR - filled), style="cyan"))
-        if pose is not None:
-            shown += [Text(f" {line}", style="yellow") for line in picture(pose)]
-            shown.append(Text(" X is its front, / its base", style="dim"))
         self._live.update(Group(*shown), refresh=True)
 
     def key(self) -> str:

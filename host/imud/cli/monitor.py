@@ -20,7 +20,6 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from imud.cli.attitude import HORIZON, TAPE, compass, horizon
 from imud.cli.keyboard import Quit, keys_of, pressed
 from imud.cli.pose_table import PIPE_S, TERMINAL_S
 from imud.cli.status_text import age_words, balance_words, since_words, sinks_words
@@ -37,7 +36,7 @@ from imud.probes.ledger import totals
 # The daemon publishes a status each second: after three without, it is silent.
 SILENT_S = 3.0
 
-# Rows of a probe that is shown with its attitude, beside those about its sensors.
+# Rows of a probe that is shown in full, without those about its sensors.
 BLOCK = 6
 WIDTH = 80
 
@@ -117,38 +116,27 @@ def loss_of(shown: Shown) -> Text:
 
 
 def block_of(shown: Shown, now_s: float) -> list[Text]:
-    """A probe with its attitude, in BLOCK lines."""
-    lines = [head_of(shown, now_s)]
+    """A probe in full, in BLOCK lines."""
     pose, status = shown.pose, shown.status
-    beside = [Text(), Text(), Text(), Text()]
-    picture = ["⠀" * HORIZON[0]] * HORIZON[1]
+    lines = [Text() for _ in range(BLOCK - 1)]
+    yaw_line, pitch_line, roll_line, loss_line, balance_line = lines
     if pose is not None and shown.has_pose(now_s):
-        picture = horizon(pose.q)
         yaw, pitch, roll = pose.yaw_pitch_roll_deg
-        beside[0] = Text(f"yaw   {yaw:8.2f}° {_sigma(pose.heading_sigma_deg)}  ")
-        tape = compass(yaw)
-        middle = TAPE // 2
-        beside[0].append(tape[:middle], style="cyan")
-        beside[0].append(tape[middle], style="reverse cyan")
-        beside[0].append(tape[middle + 1 :], style="cyan")
-        beside[1] = Text(f"pitch {pitch:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
-        beside[1].append(" ".join(pose.flags), style="dim")
+        yaw_line.append(f"yaw   {yaw:8.2f}° {_sigma(pose.heading_sigma_deg)}  ")
+        pitch_line.append(f"pitch {pitch:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
+        roll_line.append(f"roll  {roll:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
+        yaw_line.append(" ".join(pose.flags), style="dim")
         since = pose.since_origin
         if since is not None:
             errors = since.tilt_sigma_deg, since.heading_sigma_deg
-            beside[1].append(f"  {since_words(*errors, since.void)}", style="dim")
-        beside[2] = Text(f"roll  {roll:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
+            pitch_line.append(since_words(*errors, since.void), style="dim")
     if status is not None:
         port = status.port or "on no port"
-        beside[2].append(f"{port} {status.hello.get('board', '')}", style="dim")
-        beside[3] = loss_of(shown)
-    for drawn, words in zip(picture, beside, strict=True):
-        lines.append(Text().append("▕", style="dim").append(drawn, style="yellow"))
-        lines[-1].append("▏ ", style="dim").append_text(words)
-    sums = status is None or status.ledger.get("adds_up", True)
-    tail = Text(" " * (HORIZON[0] + 3), style="default" if sums else "red")
-    lines.append(tail.append(balance_words(status.ledger) if status else ""))
-    return lines
+        roll_line.append(f"{port} {status.hello.get('board', '')}", style="dim")
+        loss_line.append_text(loss_of(shown))
+        style = "default" if status.ledger.get("adds_up", True) else "red"
+        balance_line.append(balance_words(status.ledger), style=style)
+    return [head_of(shown, now_s), *(Text("  ").append_text(line) for line in lines)]
 
 
 def concern_lines(shown: Shown) -> list[Text]:

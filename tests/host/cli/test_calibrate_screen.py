@@ -9,41 +9,14 @@ import select
 import sys
 import threading
 
-import numpy as np
 import pytest
 
 from imud.calibration.guided.procedure import Procedure
-from imud.calibration.poses import ALL, TWELVE, StaticPose
 from imud.cli import calibrate_screen
-from imud.cli.box import COLUMNS, ROWS, lying, picture, sides
 from imud.cli.calibrate_screen import CalibrationScreen, lines
 from imud.cli.keyboard import Quit
 from imud.virtual.calibrating import SCALE
 from raw_probe import calibrating
-
-
-def test_a_box_lies_as_its_pose_says_and_shows_the_sides_that_are_up() -> None:
-    for pose in ALL:
-        assert np.allclose(lying(pose) @ pose.up, [0, 0, 1])
-        seen = {side.name for side in sides(lying(pose))}
-        words = {"front", "back", "left", "right", "top", "bottom"}
-        if sum(map(abs, pose.sign)) == 2:
-            assert {w for w in pose.words.split() if w in words} <= seen
-        assert len(seen) <= 3
-
-
-def test_the_box_is_drawn_in_braille_and_its_front_has_a_cross() -> None:
-    down, back_up = picture(TWELVE[0]), picture(StaticPose((-1, 0, 0)))
-    for drawn in (down, back_up):
-        assert len(drawn) == ROWS
-        assert all(len(row) == COLUMNS for row in drawn)
-
-    def dots(drawn: list[str]) -> int:
-        return sum((ord(c) - 0x2800).bit_count() for row in drawn for c in row)
-
-    assert dots(down) > 60
-    assert down != picture(TWELVE[1])
-    assert down != back_up
 
 
 def test_the_screen_says_what_to_do_and_how_good_it_is() -> None:

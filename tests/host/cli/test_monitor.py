@@ -3,37 +3,24 @@
 
 from __future__ import annotations
 
-import math
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
-from imud.cli.attitude import HORIZON, TAPE, compass, horizon
 from imud.cli.monitor import BLOCK, MonitorScreen, pipe_line
 from imud.client import Missed, Pose, Status
 from terminal import Terminal
 
 pytestmark = pytest.mark.sampled(3)
 
-LEVEL = (1.0, 0.0, 0.0, 0.0)
-EMPTY, FULL = "⠀", "⣿"
 
-
-def turned(axis: int, deg: float) -> tuple[float, ...]:
-    half = math.radians(deg) / 2
-    q = [math.cos(half), 0.0, 0.0, 0.0]
-    q[axis] = math.sin(half)
-    return tuple(q)
-
-
-def pose(name: str = "p", q: Any = LEVEL) -> Pose:
+def pose(name: str) -> Pose:
     return Pose(
         probe=name,
         seq=1,
@@ -42,7 +29,7 @@ def pose(name: str = "p", q: Any = LEVEL) -> Pose:
         t_device_us=0,
         age_us=1234,
         t_bound_us=560,
-        q=q,
+        q=(1.0, 0.0, 0.0, 0.0),
         position_m=None,
         normal=None,
         tilt_sigma_deg=0.37,
@@ -84,45 +71,6 @@ def screen_of(count: int) -> MonitorScreen:
     return screen
 
 
-def test_a_level_probe_sees_the_ground_in_the_lower_half() -> None:
-    columns, rows = HORIZON
-    half = rows // 2
-    assert horizon(LEVEL) == [EMPTY * columns] * half + [FULL * columns] * half
-
-
-@pytest.mark.parametrize(
-    ("q", "picture"),
-    [(turned(2, 80), FULL), (turned(2, -80), EMPTY)],
-)
-def test_one_that_looks_down_sees_ground_alone_and_up_none(
-    q: Any, picture: str
-) -> None:
-    assert set("".join(horizon(q))) == {picture}
-
-
-def test_with_the_right_side_down_the_ground_is_on_the_right() -> None:
-    assert {row[0] + row[-1] for row in horizon(turned(1, 90))} == {EMPTY + FULL}
-
-
-def test_the_heading_does_not_move_the_horizon() -> None:
-    assert horizon(turned(3, 77)) == horizon(LEVEL)
-
-
-@pytest.mark.parametrize(
-    ("yaw_deg", "name"),
-    [(0, "E"), (90, "N"), (180, "W"), (-180, "W"), (-90, "S"), (45, "N"), (359, "E")],
-)
-def test_the_middle_of_the_compass_is_ahead(yaw_deg: float, name: str) -> None:
-    tape = compass(yaw_deg)
-    assert len(tape) == TAPE
-    assert tape[TAPE // 2] == name
-
-
-def test_east_is_right_of_north() -> None:
-    tape = compass(90)
-    assert tape.index("NW") < tape.index("N ") < tape.index("NE")
-
-
 @pytest.mark.parametrize("count", range(0, 40))
 @pytest.mark.parametrize("height", [1, 2, 5, 24, 60])
 def test_a_screen_is_never_taller_than_the_terminal(count: int, height: int) -> None:
@@ -156,7 +104,6 @@ def test_one_that_is_gone_stays_and_its_pose_does_not() -> None:
     text = "\n".join(line.plain for line in screen.lines(20.0, 24))
     assert "gone" in text
     assert "yaw" not in text
-    assert FULL not in text
 
 
 def test_a_daemon_that_is_silent_or_gone_is_told() -> None:

@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""A probe as a box, seen from in front and above: for terminals in braille, and as
-polygons for pictures.
-"""
+"""A probe as a box, seen from in front and above."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -77,45 +74,3 @@ def sides(attitude: FloatArray) -> Iterator[Side]:
 
 def _seen(point: FloatArray) -> FloatArray:
     return np.asarray((VIEW @ point)[[0, 2]])
-
-
-# Braille characters have two columns of four dots.
-COLUMNS, ROWS = 16, 7
-DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
-MARKS = {"front": ((0, 2), (1, 3)), "bottom": ((0, 2),)}  # corners to be joined
-REACH = 1.5  # of the picture from its middle, in the box's units
-
-
-def picture(pose: StaticPose) -> list[str]:
-    """The box in braille, ROWS lines of COLUMNS characters; its front has a cross, its
-    base one diagonal.
-    """
-    dots = np.zeros((4 * ROWS, 2 * COLUMNS), dtype=bool)
-    for side in sides(lying(pose)):
-        for start, end in zip(side.corners, np.roll(side.corners, -1, 0), strict=True):
-            _draw(dots, start, end)
-        for start, end in MARKS.get(side.name, ()):
-            _draw(dots, side.corners[start], side.corners[end])
-    return [_line(dots[4 * row : 4 * row + 4]) for row in range(ROWS)]
-
-
-def _draw(dots: FloatArray, start: FloatArray, end: FloatArray) -> None:
-    height, width = dots.shape
-    share = np.linspace(0.0, 1.0, 64)[:, None]
-    points = start + share * (end - start)
-    scale = min(width, height) / 2.0 / REACH
-    columns = np.rint(width / 2.0 - 0.5 + points[:, 0] * scale).astype(int)
-    rows = np.rint(height / 2.0 - 0.5 - points[:, 1] * scale).astype(int)
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    dots[rows[inside], columns[inside]] = True
-
-
-def _line(dots: FloatArray) -> str:
-    text = ""
-    for column in range(COLUMNS):
-        bits = 0
-        for row, side in itertools.product(range(4), range(2)):
-            if dots[row, 2 * column + side]:
-                bits |= DOTS[row][side]
-        text += chr(0x2800 + bits)
-    return text
