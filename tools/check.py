@@ -90,6 +90,7 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
         (python, "-m", "pytest", "-q", "tests/tools/test_prove.py"),
     )
     rules = ("tests/test_house.py", "tests/test_limits.py")
+    yield "budget of lines and bytes", (python, "tools/budget.py")
     yield "rules of the house", (python, "-m", "pytest", "-q", *rules)
     # Here and not only in `make test`: that does not install them.
     bootloaders = "tests/system/test_bootloaders.py"

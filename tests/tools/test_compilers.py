@@ -11,12 +11,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import avr_gcc
+import compilers
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tools"))
-import avr_gcc  # noqa: E402  found in tools/
-import compilers  # noqa: E402
 
 LIMIT = 30_720
 

@@ -3,16 +3,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import licences
+import notices
 import pytest
 
 from imud import checkout
-
-sys.path.insert(0, str(checkout.ROOT / "tools"))
-import licences
-import notices
 
 
 def test_what_is_installed_is_free_of_the_gpl() -> None:

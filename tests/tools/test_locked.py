@@ -4,17 +4,14 @@
 from __future__ import annotations
 
 import re
-import sys
 import tomllib
 from typing import Any
 
+import locked
 import pytest
 from packaging.requirements import Requirement
 
 from imud import checkout
-
-sys.path.insert(0, str(checkout.ROOT / "tools"))
-import locked
 
 PROJECT: dict[str, Any] = tomllib.loads((checkout.ROOT / "pyproject.toml").read_text())
 LOCKED = locked.read(locked.LOCK.read_text())

@@ -4,13 +4,10 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from pathlib import Path
 
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tools"))
 import prove
+import pytest
 
 pytestmark = pytest.mark.skipif(
     shutil.which(prove.FRAMA_C) is None, reason="frama-c-base is not there"

@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
+import release_key
 
-from imud import checkout
 from imud.errors import FlashError
 from imud.flash import firmware
-
-sys.path.insert(0, str(checkout.ROOT / "tools"))
-import release_key
 
 
 def test_what_it_signs_is_known_by_what_it_prints(tmp_path: Path) -> None:

@@ -3,15 +3,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
+import site_pages
 
 from imud import checkout
-
-sys.path.insert(0, str(checkout.ROOT / "tools"))
-import site_pages
 
 
 def test_each_page_is_in_the_tree(monkeypatch: pytest.MonkeyPatch) -> None:
