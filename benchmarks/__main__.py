@@ -20,7 +20,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "accuracy/recordings.py",
         "accuracy/recordings.py --board f405",
         "accuracy/groups.py",
-        "accuracy/groups.py --further",
+        "accuracy/groups.py --board f405",
     ),
     "honesty": (
         "whether stated errors of poses are true and useful",
@@ -81,8 +81,6 @@ BENCHES: dict[str, tuple[str, ...]] = {
     "calibration": (
         "how well simulated modules are calibrated; 1,000 verdicts",
         "calibration/modules.py",
-        "calibration/warm.py",
-        "calibration/turns.py --count 25",
     ),
     "limb": (
         "joint angles of legs that walk, and of chains; paths of feet",
@@ -99,12 +97,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "strokes/on_host.py",
         "strokes/on_host.py --board nano",
         "strokes/on_board.py",
-        "strokes/thesis.py",
     ),
     "tip": (
         "how well the tip is found: a simulated hand that wobbles the probe",
         "tip/wobbles.py",
-        "tip/positions.py",
     ),
 }
 DEFAULT = "accuracy"

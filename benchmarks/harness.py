@@ -12,18 +12,34 @@ import argparse
 import json
 import math
 import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks import tables
+from benchmarks.common.images import RunFailed
 from benchmarks.common.paths import RESULTS
 from benchmarks.tables import Cell, Table
+from imud.errors import ImudError
 from imud.progress import Progress
 
-__all__ = ["SETS", "Cell", "Figure", "Report", "Table", "degrees", "each", "ratio"]
+__all__ = [
+    "SETS",
+    "Cell",
+    "Figure",
+    "Options",
+    "Report",
+    "Table",
+    "degrees",
+    "each",
+    "options",
+    "ratio",
+    "run",
+    "seeds_of",
+]
 
 # Seeds: these, and every second one. Those for tuning were looked at while a method was
 # made, those for judging were not.
@@ -62,11 +78,55 @@ class Report:
     data: Any = field(default_factory=dict)
 
 
+Options = Callable[[argparse.ArgumentParser], None]
+
+
+def options(
+    *,
+    seeds: int | None = None,
+    groups: Collection[str] = (),
+    boards: Collection[str] = (),
+    jobs: int | None = None,
+    more: Options = lambda _: None,
+) -> Options:
+    """Options that many programs have, those for which something is given.
+
+    `seeds`: how many of a set; `boards`: the first one is the default; `more`: options
+    of the program's own.
+    """
+
+    def add(parser: argparse.ArgumentParser) -> None:
+        if seeds is not None:
+            parser.add_argument("--set", choices=SETS, default="judging", help="seeds")
+            parser.add_argument("--seeds", metavar="N", type=int, default=seeds)
+        if groups:
+            parser.add_argument(
+                "--groups",
+                metavar="NAME",
+                nargs="+",
+                choices=groups,
+                default=[*groups],
+                help=f"of {', '.join(groups)} (default: all)",
+            )
+        if boards:
+            parser.add_argument("--board", choices=boards, default=next(iter(boards)))
+        if jobs is not None:
+            parser.add_argument("--jobs", metavar="N", type=int, default=jobs)
+        more(parser)
+
+    return add
+
+
+def seeds_of(args: argparse.Namespace, first: int = 0) -> list[int]:
+    """The seeds of --set and --seeds, from the first one on."""
+    return [first + SETS[args.set] + 2 * number for number in range(args.seeds)]
+
+
 def run(
     name: str,
     description: str | None,
     measure: Callable[[argparse.Namespace], Report],
-    options: Callable[[argparse.ArgumentParser], None] = lambda _: None,
+    options: Options = lambda _: None,
     *,
     variants: Sequence[str] = (),
     arguments: Sequence[str] | None = None,
@@ -76,7 +136,9 @@ def run(
     `variants` are options whose values have results of their own: with --board f405
     those of strokes are strokes-f405.
     """
-    parser = argparse.ArgumentParser(prog=f"benchmarks: {name}", description=description)
+    parser = argparse.ArgumentParser(
+        prog=f"benchmarks: {name}", description=description
+    )
     options(parser)
     parser.add_argument("--output", metavar="FILE", type=Path, help="of all results")
     args = parser.parse_args(arguments)
@@ -89,7 +151,10 @@ def run(
         if key in changed:
             value = changed.pop(key)
             name += f"-{key if value is True else value}"
-    report = measure(args)
+    try:
+        report = measure(args)
+    except (ImudError, RunFailed) as error:
+        sys.exit(f"{name}: {error}")
     for table in report.tables:
         print(f"\n{table.as_text()}")
     if report.figures:
@@ -145,10 +210,12 @@ def each(
     task: Callable[[Work], Done], work: Sequence[Work], jobs: int, label: str
 ) -> Iterator[Done]:
     """The results in the order of the work, `jobs` processes at a time, with a bar."""
+    if not work:
+        return
     progress = Progress(f"{len(work)} {label}", len(work))
     # VQF is called from Python for each sample: threads would share one lock.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(max(1, min(jobs, len(work))), context) as pool:
+    with ProcessPoolExecutor(min(jobs, len(work)), context) as pool:
         for done in pool.map(task, work):
             yield done
             progress.advance()

@@ -18,9 +18,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from benchmarks.common.paths import PROJECT
 
@@ -33,6 +34,7 @@ SHOWN = re.compile(
 )
 
 Cell = str | float | None  # None and NaN: not known
+Row = Mapping[str, Any]
 Text = list[list[str]]  # heads, then rows
 
 
@@ -42,8 +44,17 @@ class Table:
 
     name: str
     columns: Mapping[str, str]
-    rows: Sequence[Sequence[Cell]]
+    rows: Sequence[Sequence[Any]]  # Cells
     title: str = ""
+
+    @staticmethod
+    def of(
+        name: str, columns: Mapping[str, tuple[str, str]], rows: Iterable[Row]
+    ) -> Table:
+        """A table of dicts: of each head the key and the format of its cells."""
+        keys = [key for key, _ in columns.values()]
+        forms = {head: form for head, (_, form) in columns.items()}
+        return Table(name, forms, [[row.get(key) for key in keys] for row in rows])
 
     def text(self) -> Text:
         """Heads and rows as documents show them."""
@@ -114,7 +125,9 @@ def shown(path: Path, name: str | None = None) -> Iterator[tuple[str, str]]:
 def kept(name: str) -> dict[str, Text]:
     """The tables of benchmarks/results/NAME.json; none if there is no such file."""
     path = KEPT / f"{name}.json"
-    found: dict[str, Text] = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    found: dict[str, Text] = (
+        json.loads(path.read_text("utf-8")) if path.exists() else {}
+    )
     return found
 
 

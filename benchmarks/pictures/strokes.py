@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from benchmarks.common.figure import SETS
 from benchmarks.common.paths import PICTURES
+from benchmarks.harness import SETS
 from benchmarks.pictures.theme import LIGHT, blank, save
 from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import Found, Run, measure, run_of

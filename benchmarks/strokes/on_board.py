@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Strokes through a board's image on the virtual board: their errors, whether the
-C on this machine computes the same bits, and what they cost in cycles. Prints tables
-and writes build/benchmarks/strokes-image-BOARD.json.
+C on this machine computes the same bits, and what they cost in cycles.
 """
 
 from __future__ import annotations
@@ -12,18 +11,19 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
+from benchmarks import harness
 from benchmarks.common import capture as captures
-from benchmarks.common.boards import F405, STROKING, Board
+from benchmarks.common.boards import STROKING, Board
 from benchmarks.common.capture import Capture
-from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.images import RunFailed, build
-from benchmarks.common.paths import RESULTS, write_results
+from benchmarks.harness import SETS, Figure, Report, Table
 from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import (
     Case,
@@ -34,7 +34,6 @@ from benchmarks.strokes.runs import (
     params_of,
     run_of,
 )
-from imud.errors import ImudError
 
 CASES = (
     *("supported, 1 s", "between rests, 1 s", "on paper, 2 s", "raw module, 1 s"),
@@ -117,42 +116,52 @@ def worst_of(captures: Sequence[Capture]) -> float:
     return max(float(each.summary["cycles_worst"]) for each in captures)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=2, help="of each case")
-    parser.add_argument("--board", choices=STROKING, default=F405.name)
-    parser.add_argument(
-        "--image", type=Path, help="default: builds the one that is flashed"
-    )
-    args = parser.parse_args(arguments)
+def measured(args: argparse.Namespace) -> Report:
+    """Each case through the image, whether its bits are the host's, and the costs."""
     board = STROKING[args.board]
     image = args.image or build(board.environment)
     unequal = 0
     rows: list[dict[str, Any]] = []
-    print(f"{on_host.HEAD}  cycles of the worst sample; with a tip and every pose")
     for name in CASES:
-        runs = [run_of(*named(name, number), board.chip) for number in range(args.runs)]
+        runs = [run_of(*named(name, each), board.chip) for each in range(args.runs)]
         tipped = replace(runs[0], case=replace(runs[0].case, has_tip=True))
         each = [sent(board, image, run) for run in runs]
         every = sent(board, image, tipped, round(board.chip.rate_hz))
         unequal += sum(one.twin().differed for one in [*each, every])
         row = on_host.row_of(runs[0].case, list(map(found_by, each, runs)))
-        worst, worst_tip = worst_of(each), worst_of([every])
-        rows.append(row | {"cycles_worst": worst, "cycles_worst_tip": worst_tip})
-        print(f"{on_host.show(row)}{worst:10.0f}{worst_tip:10.0f}", flush=True)
-    print(Figure("poses and strokes of other bits", unequal, (0, 0), (0, 0)))
-    costs = costs_of(board, image)
-    print(f"\n{COUNTED:22}" + "".join(f"{key:>14}" for key in COSTS))
-    for name, cost in costs.items():
-        print(f"{name:22}" + "".join(f"{cost[key]:>14.0f}" for key in COSTS))
-    output = RESULTS / f"strokes-image-{board.name}.json"
-    report = {"runs": args.runs, "rows": rows, "other_bits": unequal, "costs": costs}
-    write_results(output, report)
-    return 1 if unequal else 0
+        worst = {"worst": worst_of(each), "worst, with a tip": worst_of([every])}
+        rows.append(row | worst)
+    figure = Figure("poses and strokes of other bits", unequal, (0, 0), (0, 0))
+    return Report(tables_of(rows, costs_of(board, image)), [figure])
 
+
+def tables_of(
+    rows: Sequence[dict[str, Any]], costs: dict[str, dict[str, float]]
+) -> list[Table]:
+    """Errors in cm and cycles of the worst sample; with a tip the image sends every
+    pose. And what strokes cost the image.
+    """
+    columns = on_host.COLUMNS | {"worst": ",.0f", "worst, with a tip": ",.0f"}
+    found = [(f"{which} strokes", *cost.values()) for which, cost in costs.items()]
+    return [
+        Table("cases", columns, [[*row.values()] for row in rows]),
+        Table("costs", {"image": ""} | dict.fromkeys(COSTS, ",.0f"), found),
+    ]
+
+
+def more(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--runs", type=int, default=2, help="of each case")
+    parser.add_argument(
+        "--image", type=Path, help="default: builds the one that is flashed"
+    )
+
+
+main = partial(
+    harness.run,
+    *("strokes-image", __doc__, measured),
+    harness.options(boards=STROKING, more=more),
+    variants=["board"],
+)
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except (ImudError, RunFailed) as error:
-        sys.exit(f"on_board: {error}")
+    sys.exit(main())

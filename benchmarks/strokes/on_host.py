@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """How well strokes are measured: a simulated hand, the firmware's C on this machine.
 
-Seeds are kept apart: those of --set tuning were looked at while the method was made,
-those of judging were not. docs/strokes-methods.md explains the columns.
+docs/strokes-methods.md explains the columns. The host computes the strokes of a Nano.
 """
 
 from __future__ import annotations
@@ -11,12 +10,14 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from benchmarks import harness
-from benchmarks.common.boards import BOARDS, F405
-from benchmarks.harness import SETS, Figure, Report, Table
+from benchmarks.common.boards import BOARDS, F405, NANO
+from benchmarks.harness import Figure, Report, Table
 from benchmarks.strokes.runs import ACC_DENSITY, Case, Found, measure, run_of
 from imud.progress import Progress
 from imud.virtual.stroking import A4, CIRCLE, Plan
@@ -52,6 +53,7 @@ PATHS = [
 CASES = [*STROKES, *PATHS]
 
 CLOSED = {False: "as measured", True: "closed"}
+PATH_CELLS = [f"{each}, {of}" for each in CLOSED.values() for of in ("median", "p95")]
 
 # Share of strokes under 1 cm in %, of the issue: must and goal.
 LIMITS = {
@@ -74,7 +76,7 @@ def floor_of(seconds: float) -> float:
     return 100.0 * float(np.sqrt(3.0 * ACC_DENSITY * seconds**3 / 12.0))
 
 
-def row_of(case: Case, runs: Sequence[Found]) -> dict[str, float | str]:
+def row_of(case: Case, runs: Sequence[Found]) -> dict[str, Any]:
     errors = np.concatenate([run.errors for run in runs])
     sigmas = np.concatenate([run.sigmas for run in runs])
     lengths = 100.0 * np.linalg.norm(errors, axis=1)
@@ -84,45 +86,22 @@ def row_of(case: Case, runs: Sequence[Found]) -> dict[str, float | str]:
     return {
         "case": case.name,
         "strokes": count,
-        "median_cm": float(np.median(lengths)),
-        "p95_cm": float(np.quantile(lengths, 0.95)),
+        "median": float(np.median(lengths)),
+        "p95": float(np.quantile(lengths, 0.95)),
         # Strokes without a length are not under 1 cm.
-        "under_1_cm": 100.0 * float(np.sum(lengths < 1.0)) / count,
+        "under 1 cm": 100.0 * float(np.sum(lengths < 1.0)) / count,
         "inside": 100.0 * float(np.mean(np.abs(errors) < 1.96 * sigmas)),
-        "sigma_cm": 100.0 * float(np.median(sigmas[:, 0])),
+        "sigma": 100.0 * float(np.median(sigmas[:, 0])),
         "floor": float(np.sqrt(np.mean(lengths**2))) / floor_of(case.plan.seconds),
         "other": 100.0 * float(1.0 - len(errors) / count),
     }
 
 
-def table_of(rows: Sequence[dict[str, float | str]]) -> Table:
-    columns = {
-        **{"case": "", "strokes": "d", "median": ".2f", "p95": ".2f"},
-        **{"under 1 cm": ".1f", "inside": ".1f", "sigma": ".2f"},
-        **{"floor": ".2f", "other": ".1f"},
-    }
-    return Table("cases", columns, [tuple(row.values()) for row in rows])
-
-
-def paths_of(found: dict[str, dict[str, float]]) -> Table:
-    columns = {"corners, cm": ""} | {
-        f"{closed}, {which}": ".2f"
-        for closed in CLOSED.values()
-        for which in ("median", "p95")
-    }
-    rows = [(name, *each.values()) for name, each in found.items()]
-    return Table("paths", columns, rows)
-
-
-def figures_of(rows: Sequence[dict[str, float | str]]) -> Iterator[Figure]:
-    for row in rows:
-        name = str(row["case"])
-        if name in LIMITS:
-            must, goal = LIMITS[name]
-            value = float(row["under_1_cm"])
-            yield Figure(f"{name}: under 1 cm, %", value, (must, 100), (goal, 100))
-        inside = float(row["inside"])
-        yield Figure(f"{name}: inside 95 %, %", inside, (90, 99), (93, 97))
+COLUMNS = {
+    **{"case": "", "strokes": "d", "median": ".2f", "p95": ".2f"},
+    **{"under 1 cm": ".1f", "inside": ".1f", "sigma": ".2f"},
+    **{"floor": ".2f", "other": ".1f"},
+}
 
 
 def corners_of(case: Case, runs: Sequence[Found]) -> dict[str, float]:
@@ -136,26 +115,23 @@ def corners_of(case: Case, runs: Sequence[Found]) -> dict[str, float]:
     return found
 
 
-def path_figures(name: str, found: dict[str, float]) -> Iterator[Figure]:
-    for is_closed, closed in CLOSED.items():
-        must, goal = PATH_LIMITS.get((name, is_closed), (np.inf, np.inf))
-        yield Figure(
-            f"{name}, {closed}: corners, p95, cm",
-            *(found[f"{closed}, p95"], (0, must), (0, goal)),
-            f"median {found[f'{closed}, median']:.2f}",
-        )
+def figures_of(rows: Sequence[dict[str, Any]]) -> Iterator[Figure]:
+    """Of each case the share under 1 cm, and that inside the stated 95 %, percent."""
+    for row in rows:
+        name = row["case"]
+        if name in LIMITS:
+            must, goal = LIMITS[name]
+            share = row["under 1 cm"]
+            yield Figure(f"{name}: under 1 cm, %", share, (must, 100), (goal, 100))
+        yield Figure(f"{name}: inside 95 %, %", row["inside"], (90, 99), (93, 97))
 
 
-def options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--set", choices=SETS, default="judging", help="of seeds")
-    parser.add_argument("--runs", type=int, default=30, help="of 8 strokes, a case")
-    parser.add_argument("--only", default="", help="cases whose name contains this")
-    parser.add_argument(
-        "--board",
-        choices=BOARDS,
-        default=F405.name,
-        help="whose samples; the host computes the strokes of a Nano",
-    )
+def path_figures(paths: dict[str, dict[str, float]]) -> Iterator[Figure]:
+    for (name, is_closed), (must, goal) in PATH_LIMITS.items():
+        if name in paths:
+            value = paths[name][f"{CLOSED[is_closed]}, p95"]
+            title = f"{name}, {CLOSED[is_closed]}: corners, p95, cm"
+            yield Figure(title, value, (0, must), (0, goal))
 
 
 def measured(args: argparse.Namespace) -> Report:
@@ -163,28 +139,41 @@ def measured(args: argparse.Namespace) -> Report:
     cases = [each for each in CASES if args.only in each.name]
     # The daemon tells the C of another board than a Nano, where it computes strokes.
     chip = replace(BOARDS[args.board].chip, board=F405.name)
-    seeds = [SETS[args.set] + 2 * run for run in range(args.runs)]
     progress = Progress("strokes", len(cases))
-    rows: list[dict[str, float | str]] = []
+    rows: list[dict[str, Any]] = []
     paths: dict[str, dict[str, float]] = {}
-    figures: list[Figure] = []
     for number, case in enumerate(cases):
-        first = 1000 * CASES.index(case)
-        runs = [measure(run_of(case, first + seed, chip)) for seed in seeds]
+        seeds = harness.seeds_of(args, 1000 * CASES.index(case))
+        runs = [measure(run_of(case, seed, chip)) for seed in seeds]
         rows.append(row_of(case, runs))
         if case in PATHS:
             paths[case.name] = corners_of(case, runs)
-            figures += path_figures(case.name, paths[case.name])
         progress.update(number + 1)
-    tables = [table_of(rows), *([paths_of(paths)] if paths else [])]
-    return Report(tables, [*figures, *figures_of(rows)], {"rows": rows})
+    return Report(tables_of(rows, paths), [*path_figures(paths), *figures_of(rows)])
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run(
-        "strokes", __doc__, measured, options, variants=["board"], arguments=arguments
-    )
+def tables_of(
+    rows: Sequence[dict[str, Any]], paths: dict[str, dict[str, float]]
+) -> list[Table]:
+    tables = [Table("cases", COLUMNS, [[*row.values()] for row in rows])]
+    if paths:
+        columns = {"corners, cm": ""} | dict.fromkeys(PATH_CELLS, ".2f")
+        found = [(name, *each.values()) for name, each in paths.items()]
+        tables.append(Table("paths", columns, found))
+    return tables
 
+
+def more(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--only", default="", help="cases whose name contains this")
+
+
+# Thirty runs of eight strokes, a case.
+main = partial(
+    harness.run,
+    *("strokes", __doc__, measured),
+    harness.options(seeds=30, boards=(F405.name, NANO.name), more=more),
+    variants=["board"],
+)
 
 if __name__ == "__main__":
     sys.exit(main())

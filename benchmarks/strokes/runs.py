@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from imud import rotation
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.motion import Motion, join
-from imud.virtual.sensors import HAND_RATE_HZ, NO_ERRORS, Legs, World, stream
+from imud.virtual.sensors import HAND_RATE_HZ, NO_ERRORS, World, stream
 from imud.virtual.stroking import (
     PAUSE_S,
     PRESSED_S,
@@ -45,9 +45,6 @@ ALMOST = [[1.0, 2.0**-14, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 TIP = {"offset_m": (0.12, 0.005, -0.01), "method": "typed"}
 
-# Makes a hand from its random numbers, the rate of the records in Hz, and its plan.
-MakeHand = Callable[[np.random.Generator, float, Plan], Legs]
-
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -62,12 +59,12 @@ class Found:
     sigmas: FloatArray
 
 
-def motion_of(plan: Plan, seed: int, make_hand: MakeHand = StrokingHand) -> Motion:
+def motion_of(plan: Plan, seed: int) -> Motion:
     seconds = SETTLES_S + 4.0 + plan.strokes * (plan.seconds + PAUSE_S + 0.1)
     pieces: list[Motion] = []
     hand = stream(
         *(seed, HAND_RATE_HZ, World(tip_m=(0.0, 0.0, 0.0)), NO_ERRORS),
-        lambda random, rate_hz: make_hand(random, rate_hz, plan),
+        lambda random, rate_hz: StrokingHand(random, rate_hz, plan),
         SWAYS[plan.support],
     )
     while sum(map(len, pieces)) < seconds * HAND_RATE_HZ:
@@ -84,7 +81,6 @@ class Case:
     module: str = "calibrated"
     is_by_button: bool = True
     has_tip: bool = False  # in its params
-    hand: MakeHand = StrokingHand
 
 
 def params_of(case: Case) -> bytes:
@@ -127,7 +123,7 @@ class Run:
 def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
     """A motion of this seed, measured by a module of this seed."""
     random = np.random.default_rng([seed, 3])
-    exact = motion_of(case.plan, seed, case.hand)
+    exact = motion_of(case.plan, seed)
     felt = module_of(case.module, random, GYR_DRIFT_DPS_S).measures(exact, random)
     return Run(case, exact, felt, feed.sampled(felt, chip))
 

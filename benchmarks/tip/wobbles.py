@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """How well the tip is found by a wobble in a dimple: a simulated hand, and the guide.
 
-Prints a table and writes build/benchmarks/tip.json. Seeds are kept apart: those of
---set tuning were looked at while the method was made, those of judging were not.
 docs/tip.md explains the columns.
 """
 
@@ -15,14 +13,16 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks import harness
 from benchmarks.common import feed
-from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.modules import module_of
-from benchmarks.common.paths import RESULTS, write_results
+from benchmarks.harness import SETS, Figure, Report, Table
 from imud.calibration.algebra import units
 from imud.calibration.faults import CalibrationFault
 from imud.calibration.recording import Sample, Scale
@@ -38,7 +38,6 @@ from imud.virtual.dimpling import DimplingHand, Wobble
 from imud.virtual.motion import Motion
 from imud.virtual.sensors import World
 
-OUTPUT = RESULTS / "tip.json"
 RECORDS_HZ = 500.0
 CHIPS = {"nano": feed.MPU9250, "f405": feed.LSM9DS0}
 
@@ -65,12 +64,13 @@ class Case:
     module: str = "calibrated"
 
 
+CROWD = "of all kinds"
 CASES = (
     *(
         Case(f"{deg} degrees", 25, replace(USUAL, swing_deg=float(deg)))
         for deg in (15, 20, 25, 30)
     ),
-    Case("of all kinds", 500),
+    Case(CROWD, 500),
     Case("slip of 0.5 mm", 10, replace(USUAL, slip_m=5e-4)),
     Case("base gives by 1 %", 10, replace(USUAL, give=0.01)),
     Case("base gives by 2 %", 10, replace(USUAL, give=0.02)),
@@ -192,24 +192,28 @@ def through_image(board: str, seed: int) -> Run:
     return judged(subject.scale, samples, case, tip, wobble)
 
 
-def row_of(name: str, runs: Sequence[Run]) -> dict[str, object]:
+def row_of(name: str, runs: Sequence[Run]) -> dict[str, Any]:
+    """Percent, mm and s; what is stated is for 95 %."""
     found = [run for run in runs if run.error_mm is not None]
-    errors = np.array([run.error_mm for run in found])
     why = Counter(run.kind for run in runs if run.error_mm is None)
-    return {
-        "case": name,
+    refused = ", ".join(f"{kind} {count}" for kind, count in why.most_common())
+    row = {
+        "wobble": name,
         "runs": len(runs),
         "found": 100.0 * len(found) / len(runs),
-        "median_mm": float(np.median(errors)) if found else None,
-        "p95_mm": float(np.quantile(errors, 0.95)) if found else None,
-        "over_2_mm": 100.0 * share_bad(found) if found else None,
-        "inside": inside(found) if found else None,
-        "stated_mm": float(np.median([run.score_mm for run in found]))
-        if found
-        else None,
         "seconds": float(np.median([run.seconds for run in runs])),
-        "refused": dict(why.most_common()),
+        "refused": refused.replace("_", " "),
     }
+    if found:
+        errors = [run.error_mm for run in found if run.error_mm is not None]
+        row |= {
+            "median": float(np.median(errors)),
+            "p95": float(np.quantile(errors, 0.95)),
+            "bad": 100.0 * share_bad(found),
+            "inside": inside(found),
+            "stated": float(np.median([run.score_mm for run in found])),
+        }
+    return row
 
 
 def share_bad(found: Sequence[Run]) -> float:
@@ -223,26 +227,18 @@ def inside(found: Sequence[Run]) -> float:
     return 100.0 * float(np.mean(each))
 
 
-HEAD = (
-    f"{'case':26}{'n':>5}{'found %':>9}{'median':>8}{'p95':>7}{'>2 mm %':>9}"
-    f"{'inside':>8}{'stated':>8}{'s':>6}  refused"
-)
-
-
-def show(row: dict[str, object]) -> str:
-    def cell(key: str, width: int, places: int) -> str:
-        value = row[key]
-        text = f"{value:.{places}f}" if isinstance(value, float) else "-"
-        return text.rjust(width)
-
-    refused = row["refused"]
-    assert isinstance(refused, dict)
-    why = ", ".join(f"{kind} {count}" for kind, count in refused.items())
-    return (
-        f"{row['case']:26}{row['runs']:5}{cell('found', 9, 1)}{cell('median_mm', 8, 2)}"
-        f"{cell('p95_mm', 7, 2)}{cell('over_2_mm', 9, 1)}{cell('inside', 8, 1)}"
-        f"{cell('stated_mm', 8, 2)}{cell('seconds', 6, 0)}  {why}"
-    ).rstrip()
+COLUMNS = {
+    "wobble": ("wobble", ""),
+    "runs": ("runs", "d"),
+    "found, %": ("found", ".0f"),
+    "median, mm": ("median", ".2f"),
+    "p95": ("p95", ".2f"),
+    "worse than 2 mm, %": ("bad", ".1f"),
+    "inside, %": ("inside", ".0f"),
+    "stated, mm": ("stated", ".2f"),
+    "after, s": ("seconds", ".0f"),
+    "refused as": ("refused", ""),
+}
 
 
 def figures_of(done: dict[str, list[Run]]) -> Iterator[Figure]:
@@ -253,31 +249,24 @@ def figures_of(done: dict[str, list[Run]]) -> Iterator[Figure]:
         name = "tip, calibrated, 0.8 Hz, 15 to 30 deg, p95, mm"
         yield Figure(name, p95, (0, 2), (0, 1), f"{len(found)} of {len(good)} found")
         yield Figure("of these inside 95 %, %", inside(found), (90, 100), (93, 98))
-    crowd = done.get("of all kinds", [])
+    crowd = done.get(CROWD, [])
     accepted = [run for run in crowd if run.error_mm is not None]
     if accepted:
         bad = 100.0 * share_bad(accepted)
         detail = f"{len(accepted)} of {len(crowd)} accepted"
         yield Figure("accepted and worse than 2 mm, %", bad, (0, 2), (0, 0.5), detail)
         firm = [run for run in accepted if run.base == "firm"]
-        known = "of all kinds, firm base: inside 95 %, %"
+        known = f"{CROWD}, firm base: inside 95 %, %"
         yield Figure(known, inside(firm), (90, 100), (93, 98))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--set", choices=SETS, default="judging", help="of seeds")
-    parser.add_argument("--only", default="", help="cases whose name contains this")
-    parser.add_argument("--share", type=float, default=1.0, help="of the runs")
-    parser.add_argument("--images", type=int, default=10, help="runs through images")
-    parser.add_argument("--output", type=Path, default=OUTPUT)
-    args = parser.parse_args(arguments)
+def measured(args: argparse.Namespace) -> Report:
+    """All cases, and some wobbles through images."""
     tip_guide.FIT_S = FIT_S
     cases = [case for case in CASES if args.only in case.name]
     progress = Progress("tip", float(sum(case.runs for case in cases)))
     done: dict[str, list[Run]] = {}
-    rows, count = [], 0
-    print(HEAD)
+    count = 0
     for case in cases:
         # Each case has seeds of its own.
         first = 2000 * CASES.index(case) + SETS[args.set]
@@ -286,27 +275,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
             runs.append(measure(case, first + 2 * number))
             count += 1
             progress.update(float(count))
-        rows.append(row_of(case.name, runs))
-        print(show(rows[-1]), flush=True)
-    boards = list(CHIPS)
     images = [
-        through_image(boards[number % 2], 50_000 + SETS[args.set] + 2 * number)
+        through_image([*CHIPS][number % 2], 50_000 + SETS[args.set] + 2 * number)
         for number in range(args.images)
     ]
+    rows = [row_of(name, runs) for name, runs in done.items()]
     if images:
-        rows.append(row_of("20 degrees, images", images))
-        print(show(rows[-1]))
-    figures = list(figures_of(done))
-    print(*figures, sep="\n")
-    report = {
-        "set": args.set,
-        "rows": rows,
-        "figures": [asdict(each) for each in figures],
-        "runs": {name: [asdict(run) for run in runs] for name, runs in done.items()},
-    }
-    write_results(args.output, report)
-    return 1 if any(each.verdict == "MISSED" for each in figures) else 0
+        rows.append(row_of("20 degrees, through the images of both boards", images))
+    data = {name: [asdict(run) for run in runs] for name, runs in done.items()}
+    return Report([Table.of("wobbles", COLUMNS, rows)], [*figures_of(done)], data)
 
+
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--set", choices=SETS, default="judging", help="of seeds")
+    parser.add_argument("--only", default="", help="cases whose name contains this")
+    parser.add_argument("--share", type=float, default=1.0, help="of the runs")
+    parser.add_argument("--images", type=int, default=10, help="runs through images")
+
+
+main = partial(harness.run, "tip", __doc__, measured, options)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -89,8 +89,8 @@ def test_strokes_are_in_every_bit_those_of_the_host_and_take_no_longer(
         motion = run_of(case, 1000 * on_host.CASES.index(case) + 1, MEASURED.chip)
         capture = on_board.sent(MEASURED, mega.image, motion)
         row = on_host.row_of(case, [on_board.found_by(capture, motion)])
-        assert row["under_1_cm"] == 100.0
-        assert on_board.differing(capture) == 0
+        assert row["under 1 cm"] == 100.0
+        assert capture.twin().differed == 0
         assert (capture.lost, capture.summary["late"]) == (0, 0)
         assert capture.summary["cycles_worst"] < PERIOD
 
