@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Cards to test with: a reader of FAT32 and a writer of a probe's blocks, both written
-from the documents and not from our code."""
+"""Cards to test with, and a writer of a probe's blocks from the documents and not from
+our code."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import os
 import shutil
 import struct
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -33,94 +33,10 @@ def prepared(path: Path, size: int = SMALL) -> Path:
     return path
 
 
-@dataclass
-class Volume:
-    """A card as a computer reads it: after Microsoft's FAT specification."""
-
-    path: Path
-    start: int = 0
-    partition: int = 0
-    cluster: int = 0
-    reserved: int = 0
-    fat_sectors: int = 0
-    total: int = 0
-    clusters: int = 0
-    data: int = 0
-    root: int = 0
-    info: tuple[int, int] = (0, 0)
-    boot: bytes = b""
-    fats: list[list[int]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        with self.path.open("rb") as file:
-            self._read(file)
-
-    def _read(self, file: io.BufferedReader) -> None:
-        def sectors(first: int, count: int = 1) -> bytes:
-            file.seek(first * 512)
-            return file.read(count * 512)
-
-        table = sectors(0)
-        assert table[510:] == b"\x55\xaa"
-        status, kind = table[446], table[450]
-        assert (status, kind) in {(0, 0x0B), (0, 0x0C)}
-        assert not any(table[462:510])
-        self.start, self.partition = struct.unpack_from("<II", table, 454)
-        boot = self.boot = sectors(self.start)
-        assert boot[510:] == b"\x55\xaa"
-        assert boot[0] == 0xEB
-        assert boot[82:90] == b"FAT32   "
-        (size,) = struct.unpack_from("<H", boot, 11)
-        assert size == 512
-        self.cluster = boot[13]
-        (self.reserved,) = struct.unpack_from("<H", boot, 14)
-        assert boot[16] == 2
-        assert struct.unpack_from("<HH", boot, 17) == (0, 0)
-        assert struct.unpack_from("<H", boot, 22) == (0,)
-        (hidden, self.total, self.fat_sectors) = struct.unpack_from("<III", boot, 28)
-        assert hidden == self.start
-        assert self.total == self.partition
-        (self.root, info, backup) = struct.unpack_from("<IHH", boot, 44)
-        assert sectors(self.start + backup) == boot
-        assert sectors(self.start + backup + info) == sectors(self.start + info)
-        self.info = self._info(sectors(self.start + info))
-        first = self.start + self.reserved
-        self.data = first + 2 * self.fat_sectors
-        self.clusters = (self.start + self.total - self.data) // self.cluster
-        for number in range(2):
-            raw = sectors(first + number * self.fat_sectors, self.fat_sectors)
-            self.fats.append([e & 0x0FFFFFFF for (e,) in struct.iter_unpack("<I", raw)])
-        self.folder = sectors(self.at(self.root), self.cluster)
-
-    @staticmethod
-    def _info(sector: bytes) -> tuple[int, int]:
-        assert (sector[:4], sector[484:488]) == (b"RRaA", b"rrAa")
-        assert sector[508:] == b"\0\0\x55\xaa"
-        free, following = struct.unpack_from("<II", sector, 488)
-        return free, following
-
-    def at(self, cluster: int) -> int:
-        return self.data + (cluster - 2) * self.cluster
-
-    def chain(self, cluster: int) -> list[int]:
-        links = []
-        while cluster < 0x0FFFFFF8:
-            assert 2 <= cluster < self.clusters + 2
-            links.append(cluster)
-            cluster = self.fats[0][cluster]
-        return links
-
-    def entries(self) -> dict[bytes, tuple[int, int, int]]:
-        """Attributes, first cluster and length of each entry of the root folder."""
-        found = {}
-        for at in range(0, len(self.folder), 32):
-            entry = self.folder[at : at + 32]
-            if entry[0] == 0:
-                break
-            (high,) = struct.unpack_from("<H", entry, 20)
-            low, length = struct.unpack_from("<HI", entry, 26)
-            found[entry[:11]] = (entry[11], high << 16 | low, length)
-        return found
+def start_of(path: Path) -> int:
+    """The first sector of the first partition: at 454 in a partition table."""
+    with path.open("rb") as file:
+        return int.from_bytes(file.read(512)[454:458], "little")
 
 
 def program(name: str, package: str) -> str:
@@ -132,7 +48,7 @@ def program(name: str, package: str) -> str:
 def partition_of(path: Path, to: Path) -> Path:
     """The partition alone, holes left out: fsck.fat knows no offset."""
     with path.open("rb") as file, to.open("wb") as out:
-        start = Volume(path).start * 512
+        start = start_of(path) * 512
         size = path.stat().st_size
         out.truncate(size - start)
         at = start
@@ -231,13 +147,17 @@ def laid(tapes: list[Taped], card_id: int = 0) -> list[bytes]:
 
 
 def place_of(path: Path) -> tuple[int, int, int]:
-    """Offset of the log in an image, its length, and the card's id."""
-    volume = Volume(path)
-    _, first, length = volume.entries()[b"PROBE   LOG"]
-    offset = volume.at(first) * 512
+    """Offset of the log in an image, its length, and the card's id: all by its head,
+    which begins where a card erases.
+    """
     with path.open("rb") as file:
-        file.seek(offset + 12)
-        return offset, length, int.from_bytes(file.read(4), "little")
+        for offset in range(0, file.seek(0, os.SEEK_END), 1 << 16):
+            file.seek(offset)
+            head = file.read(24)
+            if head.startswith(b"IMUPROBE"):
+                card_id, _, blocks = struct.unpack_from("<III", head, 12)
+                return offset, blocks * 512, card_id
+    raise AssertionError(f"{path} has no log")
 
 
 def with_log(path: Path, blocks: list[bytes]) -> Path:

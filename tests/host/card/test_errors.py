@@ -15,13 +15,13 @@ import pytest
 from card_files import (
     SMALL,
     Terminal,
-    Volume,
     bare,
     blocks_of,
     error_of,
     prepared,
     run,
     sealed,
+    start_of,
     with_log,
 )
 from fakes import FakeProbe
@@ -103,7 +103,7 @@ def test_what_is_on_a_card_is_named(tmp_path: Path) -> None:
     prepared(path)
     assert "the empty log of a probe" in named()
     with path.open("r+b") as file:
-        start = Volume(path).start * 512
+        start = start_of(path) * 512
         file.seek(start)
         boot = file.read(512)
         file.seek(start)

@@ -17,13 +17,14 @@ from hypothesis import strategies as st
 from card_files import (
     MIB,
     SMALL,
-    Volume,
     blocks_of,
     log_of,
     partition_of,
+    place_of,
     prepared,
     program,
     run,
+    start_of,
     with_log,
 )
 from fakes import FakeProbe
@@ -33,57 +34,70 @@ from imud.errors import FileError
 pytestmark = pytest.mark.sampled(2)
 
 GIB = 1 << 30
-SIZES = [SMALL, *(n * MIB for n in (64, 260, 261, 1024, 2048, 4096, 8192, 32768))]
+SIZES = [
+    SMALL,
+    *(n * MIB for n in (64, 260, 261, 1024, 2048, 4096, 8192, 32768, 65536)),
+]
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_prepared_card_is_a_fat32_with_one_file_in_one_piece(
     tmp_path: Path, size: int
 ) -> None:
+    """For fsck.fat, which finds nothing to mend, and mtools."""
     path = prepared(tmp_path / "card.img", size)
-    volume = Volume(path)
     assert path.stat().st_size == size
-    assert (volume.start + volume.partition) * 512 == size
+    part = partition_of(path, tmp_path / "part.img")
+    fsck = program("fsck.fat", "dosfstools")
+    command = [fsck, "-n", str(part)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    first_line, last_line = done.stdout.splitlines()
+    assert first_line.startswith("fsck.fat")
+    counts = re.search(r": 2 files, (\d+)/(\d+) clusters$", last_line)
+    assert counts is not None
+    used, clusters = map(int, counts.groups())
     # A FAT with fewer clusters is no FAT32, whatever it says of itself.
-    assert volume.clusters >= 65525
-    assert volume.clusters + 2 <= volume.fat_sectors * 128
-    assert volume.fats[0] == volume.fats[1]
-    entries = volume.entries()
-    assert list(entries) == [b"IMU-PROBE  ", b"PROBE   LOG"]
-    assert volume.boot[71:82] == b"IMU-PROBE  "
-    assert entries[b"IMU-PROBE  "] == (0x08, 0, 0)
-    attributes, first, length = entries[b"PROBE   LOG"]
-    assert attributes & 0x18 == 0
-    chain = volume.chain(first)
-    assert chain == list(range(first, first + len(chain)))
-    assert len(chain) == -(-length // (volume.cluster * 512))
-    used = sum(1 for entry in volume.fats[0][2 : volume.clusters + 2] if entry)
-    assert used == len(chain) + len(volume.chain(volume.root))
-    assert volume.info[0] == volume.clusters - used
-    assert volume.fats[0][volume.info[1]] == 0
-    free = (volume.clusters - used) * volume.cluster * 512
-    assert length == 4 * GIB - volume.cluster * 512 or MIB <= free < 6 * MIB
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_the_log_has_its_head_and_begins_where_a_card_erases(
-    tmp_path: Path, size: int
-) -> None:
-    path = prepared(tmp_path / "card.img", size)
-    volume = Volume(path)
-    _, first, length = volume.entries()[b"PROBE   LOG"]
-    lba = volume.at(first)
+    assert clusters >= 65525
+    told = mtool("minfo", part, "::")
+    assert 'disk label="IMU-PROBE  "' in told
+    start = number(told, "hidden sectors")
+    assert start == start_of(path)
+    assert (start + number(told, "big size")) * 512 == size
+    cluster = number(told, "cluster size")
+    data = start + number(told, r"reserved \(boot\) sectors")
+    data += 2 * number(told, "Big fatlen")
+    (piece,) = re.findall(r"<(\d+)-(\d+)>", mtool("mshowfat", part, "::PROBE.LOG"))
+    first, last = map(int, piece)
+    assert mtool("mattrib", part, "::PROBE.LOG").split() == ["A", "R", "::/PROBE.LOG"]
+    lba = data + (first - 2) * cluster
     with path.open("rb") as file:
         file.seek(lba * 512)
         head = file.read(512)
     magic, version, block, card_id, place, blocks = struct.unpack_from("<8sHHIII", head)
     assert (magic, version, block) == (b"IMUPROBE", 1, 512)
     assert card_id > 0
-    assert (place, blocks) == (lba, length // 512)
+    assert place == lba
     assert not any(head[24:508])
     assert int.from_bytes(head[508:], "little") == zlib.crc32(head[:508])
+    assert last + 1 - first == -(-blocks // cluster)
+    assert used == last + 1 - first + 1  # and the folder
+    free = (clusters - used) * cluster * 512
+    assert blocks * 512 == 4 * GIB - cluster * 512 or MIB <= free < 6 * MIB
     unit = 65536 if size <= 2 * GIB else 4 * MIB
-    assert [n * 512 % unit for n in (volume.start, volume.data, lba)] == [0, 0, 0]
+    assert [n * 512 % unit for n in (start, data, lba)] == [0, 0, 0]
+
+
+def mtool(name: str, part: Path, *words: str) -> str:
+    command = [program(name, "mtools"), "-i", part, *words]
+    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
+def number(told: str, name: str) -> int:
+    """What minfo says of this."""
+    found = re.search(rf"^{name}[:=] ?(\d+)", told, re.MULTILINE)
+    assert found is not None, name
+    return int(found[1])
 
 
 def test_clusters_are_as_large_as_may_be() -> None:
@@ -117,35 +131,18 @@ def test_every_size_of_card_is_laid_out_by_the_rules(sectors: int) -> None:
 def test_a_log_can_be_made_smaller_and_not_larger_than_the_card(tmp_path: Path) -> None:
     path = tmp_path / "card.img"
     assert run("prepare", path, "--size", "64M", "--log-size", "1M") == 0
-    assert Volume(path).entries()[b"PROBE   LOG"][2] == MIB
+    assert place_of(path)[1] == MIB
     most = fat.lay_out(64 * MIB // 512, 65929216 - 65536).log_sectors * 512
     for size in (512, 1025, most + 512):
         with pytest.raises(FileError, match=rf"{size} bytes: .* to {most} fits"):
             fat.lay_out(64 * MIB // 512, size)
 
 
-@pytest.mark.parametrize("size", [*SIZES, 64 * GIB])
-def test_fsck_finds_nothing_to_mend(tmp_path: Path, size: int) -> None:
-    fsck = program("fsck.fat", "dosfstools")
-    whole = prepared(tmp_path / "card.img", size)
-    part = partition_of(whole, tmp_path / "part.img")
-    done = subprocess.run(
-        [fsck, "-n", str(part)], capture_output=True, text=True, check=True
-    )
-    assert done.stderr == ""
-    first, last = done.stdout.splitlines()
-    assert first.startswith("fsck.fat")
-    assert re.search(r": 2 files, \d+/\d+ clusters$", last)
-
-
 def test_mtools_copy_the_log_and_find_the_label(tmp_path: Path) -> None:
-    mcopy, mlabel = program("mcopy", "mtools"), program("mlabel", "mtools")
     path = with_log(prepared(tmp_path / "card.img"), blocks_of([FakeProbe()]))
-    image = f"{path}@@{Volume(path).start * 512}"
-    copy = tmp_path / "PROBE.LOG"
-    subprocess.run([mcopy, "-i", image, "::PROBE.LOG", str(copy)], check=True)
-    label = subprocess.check_output([mlabel, "-s", "-i", image, "::"], text=True)
-    assert "IMU-PROBE" in label
+    part, copy = partition_of(path, tmp_path / "part.img"), tmp_path / "PROBE.LOG"
+    mtool("mcopy", part, "::PROBE.LOG", str(copy))
+    assert "IMU-PROBE" in mtool("mlabel", part, "-s", "::")
     assert copy.read_bytes() == log_of(path)
 
 
