@@ -4,9 +4,6 @@
 from __future__ import annotations
 
 import os
-import resource
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -124,46 +121,6 @@ def test_what_a_full_disk_did_not_take_is_counted_and_leaves_no_files(
         assert hand_over(made, put[20:30]) == (10, 0)
     files = sorted(tmp_path.iterdir())
     assert [len(frames(path)) for path in files] == [10]
-
-
-def test_a_limit_on_the_size_of_files_cuts_at_a_message_and_logging_goes_on(
-    tmp_path: Path,
-) -> None:
-    """In a process of its own: limits hold for all that it writes."""
-    script = f"""
-import signal, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from pathlib import Path
-from imud.daemon import lane as lane_module
-from imud.daemon.lane import Lane
-from imud.sinks.log import LogSink
-from log_files import records
-from test_disk import counts, hand_over
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-lane_module.RETRY_S = 0.0
-sink = LogSink(Path({str(tmp_path)!r}))
-sink.period_s = 0.0
-lane = Lane(sink)
-lane.start()
-put = records(2000)
-for begin in range(0, 2000, 20):
-    hand_over(lane, put[begin : begin + 20])
-lane.close(30)
-print(*counts(lane))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)),
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    logged, dropped = map(int, done.stdout.split())
-    assert logged + dropped == 2000
-    assert dropped > 0
-    found = [frame for path in tmp_path.iterdir() for frame in frames(path)]
-    assert len(found) == len(set(found)) >= logged > 1000
 
 
 def test_a_folder_that_is_removed_is_made_again(
