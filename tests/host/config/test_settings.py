@@ -3,16 +3,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from imud.cli import main
@@ -249,52 +246,6 @@ def test_any_settings_are_read_back_as_they_were_written(config: Config) -> None
     assert msgspec.convert(tomllib.loads(as_toml(config)), Config) == config
 
 
-_VALUES = st.recursive(
-    st.booleans() | st.integers() | st.floats() | _TEXT,
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_TEXT, inner),
-    max_leaves=6,
-)
-_KEYS = st.sampled_from([*Config.__struct_fields__, "x"])
-_INNER = st.sampled_from(["find", "named", "rates", "dir", "listen", "level", "y"])
-
-
-def _fails_only_by_name(file: Path) -> None:
-    try:
-        load(file)
-    except ConfigError as error:
-        assert str(error).isprintable()
-        with contextlib.suppress(ConfigError):
-            assert check(file)
-
-
-@given(st.dictionaries(_KEYS, _VALUES | st.dictionaries(_INNER, _VALUES), max_size=4))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_no_table_is_a_fault(tmp_path: Path, table: dict[str, Any]) -> None:
-    lines = [f"{key} = {_inline(value)}" for key, value in table.items()]
-    _fails_only_by_name(written(tmp_path, "\n".join(lines)))
-
-
-def _inline(value: object) -> str:
-    if isinstance(value, dict):
-        pairs = (f"{_inline(key)} = {_inline(held)}" for key, held in value.items())
-        return f"{{{', '.join(pairs)}}}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_inline, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    return repr(value)
-
-
-@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_no_bytes_are_a_fault(tmp_path: Path, data: bytes) -> None:
-    file = tmp_path / "imud.toml"
-    file.write_bytes(data)
-    _fails_only_by_name(file)
-
-
 def test_the_command_prints_and_checks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -303,8 +254,3 @@ def test_the_command_prints_and_checks(
     assert main(["config", "--check", str(file)]) == 0
     assert main(["config", "--check", str(written(tmp_path, "twin = 1"))]) == 1
     assert ":1: twin: 1 is not true" in capsys.readouterr().err
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"can't read .*none\.toml: No such file"):
-        load(tmp_path / "none.toml")
