@@ -18,7 +18,7 @@ from imud.params.trusted import known_to
 from imud.params.value import Params
 from imud.probes import relative_error
 from imud.probes.references import CAPTURES_MAX, References, SinceErrors
-from imud.probes.relative_error import Quality, Turned, quality_of, tilt_variance
+from imud.probes.relative_error import Quality, quality_of
 
 ROOT = Path(__file__).resolve().parents[3]
 VALUES = {"bias_counts": [0.0] * 3, "matrix": np.eye(3).tolist(), "method": "measured"}
@@ -306,20 +306,6 @@ def test_so_many_captures_are_kept_and_no_more() -> None:
     assert [one is None for one in found] == [True] + CAPTURES_MAX * [False]
 
 
-def test_turning_is_about_the_vertical_of_the_world() -> None:
-    turning = Turned()
-    turning.add((0.0, 1.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), 50_000)
-    assert (turning.about_any, turning.net_up) == (0.0, 0.0)
-    lying = rotation.from_rotation_vector(np.deg2rad([0.0, 90.0, 0.0]))
-    for vector, up in (((0, 0, 3), 3.0), ((0, 0, -3), -3.0), ((4, 0, 0), 0.0)):
-        turning = Turned()
-        after = rotation.multiply(np.array(turned(*vector)), lying)
-        turning.add(tuple(lying), tuple(-after), 50_000)
-        assert turning.net_up == pytest.approx(up, abs=1e-9)
-        assert turning.about_up == pytest.approx(abs(up), abs=1e-9)
-        assert turning.about_any == pytest.approx(np.linalg.norm(vector), abs=1e-9)
-
-
 def test_what_the_params_do_not_tell_is_taken_for_bad() -> None:
     unknown = quality_of(b"")
     assert unknown == quality_of(None) == Quality()
@@ -339,11 +325,3 @@ def test_the_floor_of_the_tilt_is_the_firmwares() -> None:
     (level,) = re.findall(r"#define FUSE_LEVEL_SIGMA_G ([\d.]+)", text)
     assert float(floor) == relative_error.TILT_FLOOR_DEG
     assert float(level) == relative_error.LEVEL_MAX_RAD
-
-
-def test_the_accelerometers_own_error_counts_as_far_as_it_is_turned() -> None:
-    quality = quality_of(KNOWN)
-    least = tilt_variance(0.15, 0.15, 0.0, quality)
-    far = tilt_variance(0.15, 0.15, 1.0, quality)
-    assert least < 0.06**2
-    assert far - least == pytest.approx(80.0 * quality.acc_deg**2)
