@@ -18,17 +18,14 @@ from benchmarks.calibration.simulated import samples as samples_of
 from imud.calibration.mount import ModuleMount, named
 from imud.calibration.mounting import ASKED, of_calibration
 from imud.calibration.recording import Sample
-from imud.calibration.tip import guide as tip_guide
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
-from imud.virtual.dimpling import Wobble
 from imud.virtual.modules import calibrated
 from imud.web import calibrator, guide
 from imud.web.calibrator import End, Task
 from imud.web.users import TokenHolder
-from raw_probe import calibrating, waved
+from raw_probe import calibrating
 from web.served import Live, Served, until
-from wobbled import CALIBRATED, TIP, wobbled
 
 PROBE = "stylus"
 HELLO = {
@@ -74,16 +71,6 @@ def states(
     return [json.loads(line) for line in out.getvalue().splitlines()]
 
 
-def test_too_little_is_refused_with_the_reason() -> None:
-    *_, asked = states("all", calibrating()[:1500], ends=1)
-    assert asked["phase"] == "running"
-    assert "; lay it on its right side" in asked["trouble"]
-    *_, last = states("all", calibrating()[:1500], ends=2)
-    assert last["phase"] == "refused"
-    assert last["outcome"] is None
-    assert "; " in last["why"]
-
-
 def test_a_restart_of_the_probe_is_refused() -> None:
     found = calibrating()
     *_, last = states("acc", [*found[:500], *found[:5]], ends=0)
@@ -91,14 +78,6 @@ def test_a_restart_of_the_probe_is_refused() -> None:
         "refused",
         "the probe restarted; start again",
     )
-
-
-@pytest.mark.parametrize(("kind", "what"), [("mag", "ellipsoid"), ("verify", "says")])
-def test_a_wave_and_a_check_tell_how_they_do(kind: str, what: str) -> None:
-    *_, last = states(kind, waved(20.0), ends=1)
-    assert last["kind"] == kind
-    assert last["phase"] in ("done", "refused")
-    assert last[what]
 
 
 def test_a_mounting_is_found_told_and_shown(browser: Browser) -> None:
@@ -135,23 +114,6 @@ def mounting_poses() -> list[Sample]:
 def turned_over(sample: Sample, mount: ModuleMount) -> Sample:
     """As a module that is mounted so reads it."""
     return ModuleMount(mount.turn.T).sample(sample)
-
-
-def test_a_tip_is_found_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tip_guide, "FIT_S", 2.5)
-    samples = wobbled(Wobble(), 26.0)
-    *_, last = states("tip", samples, CALIBRATED, ends=0)
-    assert (last["phase"], last["step"], last["says"]) == ("done", "done", "Done.")
-    assert len(last["leans_deg"]) == 8
-    found = last["outcome"]["tip"]
-    assert found["offset_m"] == pytest.approx(TIP, abs=0.001)
-    assert found["error_m"] < 0.002
-    tip = Params.decode(bytes.fromhex(last["outcome"]["records"])).tip
-    assert tip is not None
-    assert tip.offset_m == pytest.approx(found["offset_m"], abs=1e-6)
-    *_, last = states("tip", samples[:1200], CALIBRATED, ends=1)
-    assert last["phase"] == "refused"
-    assert "too short" in last["why"]
 
 
 @contextlib.contextmanager
