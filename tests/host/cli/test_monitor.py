@@ -3,19 +3,25 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import select
 import signal
+import struct
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
+import termios
+import time
+from collections.abc import Callable, Iterator
+from fcntl import ioctl
 from pathlib import Path
 
 import pytest
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import PATIENCE_S, DaemonProcess
 from imud.cli.monitor import BLOCK, MonitorScreen, pipe_line
 from imud.client import Missed, Pose, Status
-from terminal import Terminal
+from speaking import speaking
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -122,27 +128,55 @@ def test_a_pipe_gets_no_controls() -> None:
 # As a program, with a daemon.
 
 
+class Terminal:
+    """A terminal of 80x24 with a command of imud in it."""
+
+    def __init__(self, *words: str) -> None:
+        self._master, slave = pty.openpty()
+        self.resize(80, 24)
+        self._before = termios.tcgetattr(slave)
+        self._slave = slave
+        self.text = ""
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "imud", *words],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env=os.environ | {"TERM": "xterm-256color"},
+        )
+
+    def resize(self, columns: int, rows: int) -> None:
+        ioctl(self._master, termios.TIOCSWINSZ, struct.pack("4H", rows, columns, 0, 0))
+
+    def press(self, keys: bytes) -> None:
+        os.write(self._master, keys)
+
+    def until(self, is_so: Callable[[str], bool]) -> None:
+        end_s = time.monotonic() + PATIENCE_S
+        while not is_so(self.text):
+            assert time.monotonic() < end_s, self.text[-2000:]
+            if select.select([self._master], [], [], 0.1)[0]:
+                self.text += os.read(self._master, 65536).decode(errors="replace")
+
+    def end(self) -> int:
+        """Its exit code; what it still draws is read meanwhile."""
+        self.until(lambda _: self.process.poll() is not None)
+        while select.select([self._master], [], [], 0)[0]:
+            self.text += os.read(self._master, 65536).decode(errors="replace")
+        assert termios.tcgetattr(self._slave) == self._before
+        return self.process.returncode
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        os.close(self._master)
+        os.close(self._slave)
+
+
 @pytest.fixture
 def daemon(tmp_path: Path) -> Iterator[DaemonProcess]:
-    probe, port = FakeProbe(), Port(tmp_path / "port")
-    ended = threading.Event()
-
-    def speak() -> None:
-        while not ended.wait(0.02):
-            port.write(probe.say("hello") + probe.say("status") + probe.poses(2))
-
-    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
-        process.expect("listens on")
-        port.wait_open()
-        speaker = threading.Thread(target=speak)
-        speaker.start()
-        try:
-            process.expect("found on")
-            yield process
-        finally:
-            ended.set()
-            speaker.join()
-    port.vanish()
+    with speaking(tmp_path) as process:
+        yield process
 
 
 @pytest.fixture
@@ -152,20 +186,11 @@ def terminal(daemon: DaemonProcess) -> Iterator[Terminal]:
     made.close()
 
 
-@pytest.mark.nightly
-def test_q_ends_it_and_the_terminal_is_as_before(terminal: Terminal) -> None:
-    terminal.until(lambda text: "yaw" in text)
-    terminal.press(b"q")
-    assert terminal.end() == 0
-    assert "\x1b[?1049h" in terminal.text
-    assert "\x1b[?1049l" in terminal.text
-    assert "Traceback" not in terminal.text
-
-
 def test_ctrl_c_ends_it_and_the_terminal_is_as_before(terminal: Terminal) -> None:
     terminal.until(lambda text: "yaw" in text)
     terminal.process.send_signal(signal.SIGINT)
     assert terminal.end() == 0
+    assert "\x1b[?1049h" in terminal.text
     assert "\x1b[?1049l" in terminal.text
     assert "Traceback" not in terminal.text
 
