@@ -84,37 +84,3 @@ def test_a_probe_that_is_calibrated_as_it_runs_has_the_twins_bits(stub: Stub) ->
     assert set(digests[:changed]) == {0}
     assert set(digests[changed:]) == {digest_of(records)}
     port.vanish()
-
-
-@pytest.mark.nightly
-def test_a_pose_that_was_changed_on_its_way_is_told_by_its_number(stub: Stub) -> None:
-    hand = write_hand(stub.folder / "hand", 12)
-    done = run(
-        *(stub, 12, "--motion", hand, "--press", "200000:300000"),
-        *stub.raw_too,
-    )
-    contents = list(done.contents)
-    poses = [at for at, m in enumerate(done.messages) if m.name == "pose"]
-    struck = poses[700]
-    contents[struck] = contents[struck][:10] + bytes(
-        [contents[struck][10] ^ 1, *contents[struck][11:]]
-    )
-    data = b"".join(encode_frame(content) for content in contents)
-    port = Port(stub.folder / "port")
-    with DaemonProcess(port.path, "--twin", directory=stub.folder) as daemon:
-        port.wait_open()
-        for at in range(0, len(data), 2048):
-            port.write(data[at : at + 2048])
-        number = done.messages[struck].sequence
-        daemon.expect(f"pose #{number} differs from the twin's: q$")
-        with Client(daemon.endpoint) as client:
-            twin = twin_when(client, "compared", len(poses))
-        daemon.stop()
-    assert (twin["state"], twin["compared"]) == ("differs", len(poses))
-    first = twin["first_difference"]
-    assert (first["seq"], first["fields"]) == (number, ["q"])
-    assert bytes.fromhex(first["probe"]) == contents[struck]
-    assert bytes.fromhex(first["twin"]) == done.contents[struck]
-    assert twin["differed"] == 1
-    assert daemon.lines[-1].count(f"1 of {len(poses)} poses differ") == 1
-    port.vanish()

@@ -16,7 +16,6 @@ from core.probe_bench import Memory
 from imud import _core
 from imud.stages.twin import Twin
 from imud.stages.twin_outcomes import TwinDiffers, TwinLost, TwinStarted, TwinState
-from length import choose
 from twin_bench import (
     BOTH,
     POSE,
@@ -229,15 +228,6 @@ def assert_no_difference(contents: list[bytes]) -> int:
     assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
     assert twin.differed == 0
     return twin.compared
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(choose(everyday=1, long=6)))
-def test_no_single_loss_is_a_difference(seed: int) -> None:
-    contents = a_known_life(seed)
-    assert_no_difference(contents)
-    for at in range(seed % 3, len(contents), 3):
-        assert_no_difference(without(contents, at))
 
 
 @given(st.data())

@@ -31,7 +31,6 @@ from imud.stages.twin_stage import TwinStage
 from twin_bench import (
     BOTH,
     Life,
-    changed,
     followed,
     message_of,
     named,
@@ -233,16 +232,6 @@ def test_a_restart_after_a_change_that_was_lost_is_no_difference():
     assert twin.differed == 0
 
 
-def test_a_difference_of_a_calibrated_probe_is_told():
-    life = calibrated().live(300)
-    at = named(life.contents, "pose")[77]
-    wrong = changed(life.contents[at], tilt_sigma=1.0)
-    contents = [*life.contents[:at], wrong, *life.contents[at + 1 :]]
-    twin, outcomes = run_twin(contents)
-    assert isinstance(outcomes[-1], TwinDiffers)
-    assert (twin.state, twin.differed) == (TwinState.DIFFERS, 1)
-
-
 def test_params_that_this_firmware_would_refuse_end_it():
     life = calibrated().live(5)
     twin = Twin()
@@ -310,18 +299,6 @@ def assert_no_difference(contents: list[bytes]) -> None:
     twin, outcomes = run_twin(contents)
     assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
     assert twin.differed == 0
-
-
-@pytest.mark.sampled(3)
-@pytest.mark.parametrize("seed", range(3))
-def test_no_single_loss_is_a_difference(seed: int) -> None:
-    contents = a_known_life(seed)
-    assert_no_difference(contents)
-    gone = set(range(seed, len(contents), max(1, len(contents) // 60)))
-    for at in named(contents, "params_changed"):
-        gone |= set(range(at - 2, at + 6))
-    for at in sorted(gone & set(range(len(contents)))):
-        assert_no_difference(without(contents, at))
 
 
 @given(st.data())
