@@ -107,6 +107,8 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
         Params.decode(desk.probe.params.records)
     desk.hand.pick_up()
     if kind == "all":
+        assert page.evaluate("imud.view._cover.covered") >= 12
+        assert shown.number("cal-tilt") < 0.1
         step = page.locator('[data-part="last-step"]')
         desk.hand.turn((1, 0, 0, 0), pose_flags=("uncalibrated", "starting"))
         step.get_by_text("let go for 3 s").wait_for()

@@ -12,12 +12,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-import length
 from imud import rotation
-from raw_probe import calibrating
 from streaming import until
 from web import baranek
-from web.applied import apply_and_undo
 from web.desk import Desk, Seen
 from web.turns import (
     CONVENTIONS,
@@ -184,27 +181,6 @@ def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(
     page.get_by_text("error unknown").wait_for()
     assert page.get_attribute(".aim", "data-state") == "unsure"
     assert page.locator(".protocol tbody tr").count() == 1
-
-
-@pytest.mark.long
-def test_a_probe_is_calibrated_from_empty_to_applied_and_back(
-    shown: Seen, desk: Desk
-) -> None:
-    page = shown.page
-    poses = length.choose(everyday=2, long=12)
-    page.get_by_role("link", name="Calibrate").click()
-    desk.hand.calibrate(calibrating(poses))
-    shown.until("globalThis.imud.model.probe.status.hello.raw_rate === 100")
-    page.get_by_role("button", name="Begin").click()
-    page.get_by_text(f"pose {poses} of 12").wait_for()
-    assert page.evaluate("globalThis.imud.view._cover.covered") >= poses
-    if poses == 12:
-        assert shown.number("cal-tilt") < 0.1
-        apply_and_undo(shown, desk)
-    else:
-        page.get_by_role("button", name="Cancel").click()
-        page.get_by_role("button", name="Begin").wait_for()
-    desk.hand.pick_up()
 
 
 def downloaded(page: Page) -> Path:

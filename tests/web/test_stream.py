@@ -72,16 +72,6 @@ def test_a_program_gets_every_pose_of_the_probe_that_it_watches(
         assert [next(found)["number"] for _ in range(count)] == list(range(count))
 
 
-def test_commands_are_answered(served: Served) -> None:
-    with stream(served) as program:
-        ask = {"do": "ask", "id": 7, "probe": "stylus", "command": "start"}
-        program.send(json.dumps(ask))
-        answer = of_type(program, "answer")
-        assert (answer["id"], answer["answer"]) == (7, {"ok": True})
-        program.send(json.dumps(ask | {"command": "fly", "id": 8}))
-        assert of_type(program, "answer")["error"] == "probes can't fly"
-
-
 def test_a_program_that_does_not_read_misses_what_is_old_and_disturbs_nobody(
     served: Served,
 ) -> None:
