@@ -4,12 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import os
-import select
-import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from fakes import PATIENCE_S, POSE, DaemonProcess, FakeProbe, Port
+from fakes import POSE, DaemonProcess, FakeProbe, Port
 from imud.client import (
     Event,
     Missed,
@@ -28,7 +22,6 @@ from imud.client import (
     Topic,
     subscribe,
 )
-from length import choose
 
 
 class Chain:
@@ -114,18 +107,6 @@ def test_who_comes_late_gets_the_history_first_and_misses_nothing(
             assert late.missed == Missed()
 
 
-def test_the_wire_s_losses_are_told(chain: Chain) -> None:
-    with subscribe(endpoint=chain.daemon.endpoint) as subscription:
-        pose = chain.start(subscription)
-        for _ in range(7):
-            chain.probe.say("pose")  # and never written
-        last = chain.probe.sequence
-        chain.port.write(chain.probe.say("pose"))
-        while pose.seq < last:
-            pose = next(subscription)
-        assert subscription.missed == Missed(wire=7)
-
-
 def test_a_status_says_the_number_of_the_last_pose(chain: Chain) -> None:
     topics: tuple[Topic, ...] = ("pose", "status")
     last, said = 0, None
@@ -165,64 +146,3 @@ def test_a_daemon_that_is_killed_and_started_again_is_heard_again(
             chain.start(subscription)
         assert before.daemon_restarts == 0
         assert subscription.missed.daemon_restarts == 1
-
-
-# A program of another process, to be stopped.
-FOLLOWER = """
-import json, sys
-from imud import subscribe
-with subscribe(endpoint=sys.argv[1], waiting_max=1_000_000) as subscription:
-    got = 0
-    for pose in subscription:
-        got += 1
-        if got == 1:
-            first = pose.number
-            print("here", flush=True)
-        if pose.position_m:
-            break
-    print(json.dumps([first, pose.number, got, subscription.missed.network]))
-    print(json.dumps(subscription.missed.total))
-"""
-
-
-@pytest.mark.long
-def test_a_subscriber_that_is_stopped_tells_exactly_what_it_missed(
-    chain: Chain,
-) -> None:
-    follower = subprocess.Popen(
-        [sys.executable, "-c", FOLLOWER, chain.daemon.endpoint],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert follower.stdout is not None
-        while not select.select([follower.stdout], [], [], 0.05)[0]:
-            chain.port.write(chain.probe.say("pose"))
-        assert follower.stdout.readline() == "here\n"
-        with subscribe(endpoint=chain.daemon.endpoint) as witness:
-            chain.start(witness)
-            follower.send_signal(signal.SIGSTOP)
-            # More than the sockets between two processes hold: some are lost.
-            flood = choose(everyday=25_000, long=60_000)
-            last = 0
-            for _ in range(flood // 500):
-                chain.port.write(chain.probe.poses(500))
-                until = chain.probe.sequence - 1
-                while last < until:
-                    last = next(witness).seq
-            assert witness.missed == Missed()
-            follower.send_signal(signal.SIGCONT)
-            # What tells it to end is not for a full socket: again until it has.
-            while not select.select([follower.stdout], [], [], 0.05)[0]:
-                chain.port.write(chain.probe.say("pose", position=(1.0, 2.0, 3.0)))
-        first, final, got, missed = json.loads(follower.stdout.readline())
-        assert json.loads(follower.stdout.readline()) == missed
-        assert missed > 0
-        assert final - first + 1 == got + missed
-        assert follower.wait(PATIENCE_S) == 0
-    finally:
-        if follower.poll() is None:
-            os.kill(follower.pid, signal.SIGKILL)
-        follower.wait()
-        if follower.stdout is not None:
-            follower.stdout.close()
