@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from fakes import FakeProbe
+from imud import cli
 from imud.errors import FileError
 from imud.log.file import Settings
 from imud.log.parts import Damage
@@ -66,3 +69,15 @@ def read_log(path: Path) -> Iterator[LogHead | Logged]:
         if isinstance(item, Damage):
             raise FileError(f"{path} is truncated, or is damaged at {item.at}")
         yield item
+
+
+@contextlib.contextmanager
+def replaying(path: Path, link: Path) -> Iterator[threading.Thread]:
+    """A replay on a pty behind `link`, as fast as it is read."""
+    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
+    playing = threading.Thread(target=cli.main, args=(words,))
+    playing.start()
+    while not link.is_symlink():
+        assert playing.is_alive()
+    yield playing
+    playing.join()

@@ -3,13 +3,8 @@
 
 from __future__ import annotations
 
-import json
 import queue
 import re
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -132,34 +127,6 @@ def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None
         *("t_bound_us", "age_us", "q", "position_m", "normal", "tilt_sigma_deg"),
         *("heading_sigma_deg", "flags", "since_origin", "utc_host", "utc_bound_us"),
     }
-
-
-@pytest.mark.nightly
-def test_a_killed_daemon_leaves_all_but_a_quarter_second(stub: Stub) -> None:
-    probe = LiveProbe(stub, "--press", "300000:500000")
-    with DaemonProcess(probe.port, directory=stub.folder) as daemon:
-        daemon.expect("found on")
-        with Client(daemon.endpoint) as client:
-            client.wait_for(seconds=PATIENCE_S)
-            poses = hear(client, "pose")
-            take(poses, 250)
-            killed_ns = time.time_ns()
-            daemon.process.send_signal(signal.SIGKILL)
-            daemon.process.wait(PATIENCE_S)
-        log = daemon.log
-    probe.end()
-    shown = subprocess.run(
-        [sys.executable, "-m", "imud", "decode", str(log), "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    items = [json.loads(line) for line in shown.stdout.splitlines()]
-    logged = [item for item in items if item["type"] == "pose"]
-    assert len(logged) >= 220
-    assert (killed_ns - logged[-1]["t_ns"]) / 1e9 <= 0.25
-    numbers = [item["seq"] for item in logged]
-    assert numbers == sorted(set(numbers))
 
 
 @pytest.mark.nightly

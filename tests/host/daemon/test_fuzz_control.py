@@ -5,6 +5,7 @@ internal error. Poses continue meanwhile.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import queue
 import random
@@ -16,6 +17,8 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from configured import bare_session
 from fakes import (
@@ -27,7 +30,9 @@ from fakes import (
     assert_honest,
 )
 from imud.client import Client
-from imud.wire import schema
+from imud.daemon.commands import arguments_of
+from imud.errors import CommandRefused
+from imud.wire import messages, schema
 
 SEED = 20_260_102
 
@@ -41,6 +46,30 @@ VALUES = [
 ]
 
 SIGNS = string.printable + "äß€\x00\x1b\x7f\u202e\u2028😀"
+
+
+_WORDS = st.text(st.characters(exclude_characters="/*$#?", codec="utf-8"), min_size=1)
+_NAMES = st.sampled_from(["stream", "hz", "what", "streams", "filter"]) | _WORDS
+
+_NUMBERS = st.integers(-(2**70), 2**70).map(str) | st.just("9" * 5000)
+_VALUES = st.sampled_from(["pose", "raw", "all", "undo", "fuse", "pose,raw", ""])
+_PARAMETERS = st.dictionaries(_NAMES, _VALUES | _NUMBERS | st.text(max_size=20))
+_ORDERS = st.sampled_from(["rate", "fields", "tare", "restart", "start"])
+
+
+@given(_ORDERS, _PARAMETERS)
+@example("rate", {"stream": "pose", "hz": str(2**40)})
+@example("rate", {"stream": "pose", "hz": "-1"})
+def test_no_parameters_are_a_fault(command: str, parameters: dict[str, str]) -> None:
+    try:
+        arguments = arguments_of(command, parameters)
+    except CommandRefused as error:
+        assert str(error)
+        return
+    fields = {"command": command, "token": 1, "arguments": arguments}
+    # What no field holds is refused as the daemon refuses it.
+    with contextlib.suppress(ValueError):
+        messages.encode("command", fields, 1, 1)
 
 
 class Room:

@@ -19,7 +19,6 @@ import zenoh
 import zenoh.ext
 
 import imud
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from guarded import PROBE, WHILE_S, Guarded, received_on
 from imud import cli
 from imud.client import Client
@@ -236,54 +235,6 @@ def test_what_a_role_may_not_is_said_on_one_line(
     )
     with pytest.raises(NotAllowed, match=r"read raw, as a viewer; .* operator NAME"):
         imud.subscribe(topics=("raw",), endpoint=guarded.endpoint, keys=viewer)
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    """A log of another probe."""
-    probe, port = FakeProbe(probe_id=bytes.fromhex("0123456789abcdef")), tmp_path / "p"
-    other = Port(port)
-    with DaemonProcess(port, directory=tmp_path) as daemon:
-        daemon.expect("listens on")
-        other.wait_open()
-        other.write(probe.say("hello") + probe.poses(50))
-        daemon.expect("found on")
-        with Client(daemon.endpoint) as client:
-            client.wait_for(probe.name)
-            until = time.monotonic() + PATIENCE_S
-            while not any(
-                status["ledger"]["published"].get("pose") == 50
-                for status in client.statuses()
-            ):
-                assert time.monotonic() < until
-                time.sleep(0.02)
-        daemon.stop()
-    other.vanish()
-    return daemon.log
-
-
-def test_a_log_is_replayed_by_a_daemons_keys_and_by_no_others(
-    guarded: Guarded, log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    heard: list[str] = []
-    with guarded.session("viewer") as viewer:
-        subscriber = viewer.declare_subscriber(
-            "imud/*/pose", lambda sample: heard.append(str(sample.key_expr))
-        )
-        for user, code in (("recorder", 1), ("imud", 0)):
-            where = ["--connect", guarded.endpoint, "--keys"]
-            where.append(str(keys_of(guarded, user)))
-            assert cli.main(["replay", str(log), "--speed", "max", *where]) == code
-            error = capsys.readouterr().err
-            assert error.count("\n") == (1 if code else 0)
-            until = time.monotonic() + (PATIENCE_S if not code else WHILE_S)
-            while heard.count(REPLAYED) < 50 and time.monotonic() < until:
-                time.sleep(0.02)
-            assert heard.count(REPLAYED) == (50 if not code else 0)
-        subscriber.undeclare()
-
-
-REPLAYED = "imud/0123456789abcdef/pose"
 
 
 def test_ros_2_is_read_by_role(guarded: Guarded) -> None:

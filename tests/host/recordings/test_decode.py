@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from fakes import FakeProbe
-from imud import cli, rotation
+from imud import cli
 from imud.probes.record import Record
 from imud.sinks.log import LogSink
 from imud.wire import schema
@@ -286,26 +286,3 @@ def test_words_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "23.4 degC" in lines[2] or "23.5 degC" in lines[2]
     assert "yaw    0.00  pitch   0.00  roll    0.00 deg  tilt ±  0.37" in lines[3]
     assert "at (0.1000, 0.2000, 0.3000) m  at_rest" in lines[3]
-
-
-def test_a_file_that_can_not_be_read_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["decode", str(tmp_path / "none")]) == 1
-    captured = capsys.readouterr()
-    assert captured.err == (
-        f"imud: can't read {tmp_path / 'none'}: No such file or directory\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("q", "angles"),
-    [
-        ([1.0, 0.0, 0.0, 0.0], (0, 0, 0)),
-        ([0.5**0.5, 0.0, 0.0, 0.5**0.5], (90, 0, 0)),
-        ([0.75**0.5, 0.0, 0.5, 0.0], (0, 60, 0)),
-        ([0.5**0.5, 0.5**0.5, 0.0, 0.0], (0, 0, 90)),
-    ],
-)
-def test_yaw_pitch_and_roll(q: list[float], angles: tuple[float, ...]) -> None:
-    assert rotation.angles_deg(q, "nautical") == pytest.approx(angles, abs=1e-4)

@@ -11,7 +11,6 @@ from mcap.reader import make_reader
 from imud import cli
 from imud.log.parts import Damage
 from imud.log.reader import LogHead, salvage
-from length import choose
 from log_files import frames, read_log, records, write
 
 
@@ -55,22 +54,6 @@ def test_damage_in_the_middle_costs_only_what_it_struck(tmp_path: Path) -> None:
         assert all(each.size > 0 for each in damages if not each.is_tail)
 
 
-@pytest.mark.long
-def test_any_bytes_at_all_are_read_without_an_error_that_is_not_ours(
-    tmp_path: Path,
-) -> None:
-    whole = write(tmp_path, records(30)).read_bytes()
-    file = tmp_path / "any.mcap"
-    for seed in range(choose(everyday=75, long=300)):
-        state = seed * 2654435761 % 2**32
-        struck = bytearray(whole)
-        for _ in range(1 + seed % 20):
-            state = (state * 1664525 + 1013904223) % 2**32
-            struck[8 + state % (len(whole) - 8)] = state >> 24
-        file.write_bytes(struck)
-        list(salvage(file))
-
-
 def test_a_whole_log_is_left_as_it_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -78,15 +61,3 @@ def test_a_whole_log_is_left_as_it_is(
     assert cli.main(["recover", str(path)]) == 0
     assert "is intact" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_nothing_that_is_no_log_is_taken_for_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "x"
-    file.write_bytes(b"no log")
-    for words in (["info"], ["recover"], ["export"], ["replay"]):
-        for path in (file, tmp_path / "none", tmp_path):
-            assert cli.main([*words, str(path)]) == 1
-            assert capsys.readouterr().err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [file]

@@ -16,7 +16,6 @@ from msgspec.structs import replace
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe
 from fakes.records import calibrated_records, parts_of
-from imud import cli
 from imud.client import Client
 from imud.errors import CommandRefused
 from imud.params.value import payload_of
@@ -26,7 +25,7 @@ from imud.recordings import replay
 from imud.recordings.opening import HELLO, PARAMS, Opening
 from imud.wire.frame import encode_frame
 from imud.wire.params import digest_of
-from log_files import BEGIN_NS, PERIOD_NS, write
+from log_files import BEGIN_NS, PERIOD_NS, replaying, write
 
 ONE, OTHER = calibrated_records(1), calibrated_records(2)
 RAWS = 20
@@ -72,21 +71,14 @@ def params_record(records: bytes, t_ns: int) -> Record:
 
 def played(path: Path, link: Path) -> bytes:
     """The bytes of its replay."""
-    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
-    playing = threading.Thread(target=cli.main, args=(words,))
-    playing.start()
-    while not link.is_symlink():
-        assert playing.is_alive()
-    port = os.open(link, os.O_RDONLY | os.O_NOCTTY)
     data = b""
-    try:
-        while data.count(b"\0") < RAWS or playing.is_alive():
-            data += os.read(port, 4096)
-    except OSError:  # the replay has closed its end
-        pass
-    finally:
+    with replaying(path, link) as playing:
+        port = os.open(link, os.O_RDONLY | os.O_NOCTTY)
+        # Until the replay has closed its end.
+        with contextlib.suppress(OSError):
+            while data.count(b"\0") < RAWS or playing.is_alive():
+                data += os.read(port, 4096)
         os.close(port)
-    playing.join()
     return data
 
 

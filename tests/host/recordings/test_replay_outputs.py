@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import termios
-import threading
 import time
 from pathlib import Path
 
@@ -14,13 +13,11 @@ import pytest
 
 from fakes import DaemonProcess, FakeProbe, free_endpoint
 from imud import cli
-from imud.client import Client
-from imud.probes.session import Probe as HeardProbe
-from imud.probes.session import Received, Session
+from imud.cli import recordings
 from imud.recordings import replay
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder
-from log_files import frames, records, write
+from log_files import frames, records, replaying, write
 
 
 def test_pace_follows_the_times_of_the_log() -> None:
@@ -39,34 +36,7 @@ def test_pace_follows_the_times_of_the_log() -> None:
     free.wait(0)
     free.wait(10**12)
     assert slept == []
-
-
-def test_a_log_replayed_on_a_pty_gives_the_frames_that_were_logged(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    put = records(3000)
-    path = write(tmp_path, put)
-    link = tmp_path / "probe"
-    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
-    playing = threading.Thread(target=cli.main, args=(words,))
-    playing.start()
-    while not link.is_symlink():
-        assert playing.is_alive()
-    probe = HeardProbe("left")
-    session = Session(lambda _: probe, None, probe)
-    found: list[bytes] = []
-    port = os.open(link, os.O_RDONLY | os.O_NOCTTY)
-    try:
-        while len(found) < len(put):
-            events = session.receive(b"\0" * (not found) + os.read(port, 4096), None)
-            found += [each.content for each in events if isinstance(each, Received)]
-    finally:
-        os.close(port)
-    playing.join()
-    assert found == [record.content for record in put]
-    assert session.corrupt.total() == 0
-    assert not link.exists()
-    assert "probe left is on" in capsys.readouterr().out
+    assert recordings.speed("0") is recordings.speed("max") is None
 
 
 def test_a_reader_that_flushes_late_and_reads_slowly_gets_all(tmp_path: Path) -> None:
@@ -74,13 +44,8 @@ def test_a_reader_that_flushes_late_and_reads_slowly_gets_all(tmp_path: Path) ->
     put = records(200)
     path = write(tmp_path, put)
     link = tmp_path / "probe"
-    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
-    playing = threading.Thread(target=cli.main, args=(words,))
-    playing.start()
-    while not link.is_symlink():
-        assert playing.is_alive()
-    port = os.open(link, os.O_RDWR | os.O_NOCTTY)
-    try:
+    with replaying(path, link):
+        port = os.open(link, os.O_RDWR | os.O_NOCTTY)
         time.sleep(1.0)
         termios.tcflush(port, termios.TCIFLUSH)
         attributes = termios.tcgetattr(port)
@@ -90,9 +55,7 @@ def test_a_reader_that_flushes_late_and_reads_slowly_gets_all(tmp_path: Path) ->
         while found.count(0) < len(put):
             found += os.read(port, 500)
             time.sleep(0.005)
-    finally:
         os.close(port)
-    playing.join()
     assert len(FrameDecoder().feed(found)) == len(put)
 
 
@@ -104,47 +67,11 @@ def test_a_log_replayed_into_a_daemon_is_heard_as_a_probe(tmp_path: Path) -> Non
     put.append(msgspec.structs.replace(last, topic="hello", payload=b"", content=hello))
     path = write(tmp_path / "in", put)
     link = tmp_path / "probe"
-    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
-    playing = threading.Thread(target=cli.main, args=(words,))
-    playing.start()
-    while not link.is_symlink():
-        assert playing.is_alive()
     with DaemonProcess(link, directory=tmp_path) as daemon:
-        daemon.expect("probe 00112233445566aa found")
-        playing.join()
+        with replaying(path, link):
+            daemon.expect("probe 00112233445566aa found")
         daemon.stop()
         assert frames(daemon.log) == [record.content for record in put]
-
-
-def test_a_log_replayed_over_zenoh_is_what_was_published(tmp_path: Path) -> None:
-    put = records(300)
-    path = write(tmp_path / "in", put)
-    link = tmp_path / "none"
-    with DaemonProcess(link, directory=tmp_path, log=False) as daemon:
-        daemon.expect("listens on")
-        with Client(daemon.endpoint) as client, Client(daemon.endpoint) as player:
-            heard: list[tuple[str, bytes]] = []
-            key = "imud/left/*"
-            subscriber = client.session.declare_subscriber(
-                key, lambda s: heard.append((str(s.key_expr), s.payload.to_bytes()))
-            )
-            # The router registers a subscriber before it answers.
-            client.statuses()
-            what = replay.log_set([path])
-            assert replay.to_network(what, player, None) == 0
-            subscriber_done = threading.Event()
-            marker = client.session.declare_subscriber(
-                "end", lambda _: subscriber_done.set()
-            )
-            client.statuses()
-            player.session.put("end", b"")
-            assert subscriber_done.wait(30)
-            marker.undeclare()
-            subscriber.undeclare()
-    wanted = [("imud/left/frame", record.content) for record in put]
-    assert [each for each in heard if each[0].endswith("frame")] == wanted
-    poses = [("imud/left/pose", r.payload) for r in put if r.topic == "pose"]
-    assert [each for each in heard if each[0].endswith("/pose")] == poses
 
 
 def test_of_several_probes_one_is_chosen_for_a_link(

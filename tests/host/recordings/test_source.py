@@ -6,7 +6,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +14,7 @@ import pytest
 from fakes import FakeProbe
 from imud import cli
 from imud.wire.frame import FrameDecoder
-from log_files import records, write
+from log_files import records, replaying, write
 
 
 def capture(path: Path) -> tuple[Path, FakeProbe]:
@@ -57,16 +56,10 @@ def test_a_capture_becomes_tables_beside_it(tmp_path: Path) -> None:
 def test_a_capture_is_played_as_it_was_said(tmp_path: Path) -> None:
     file, _ = capture(tmp_path / "uart.bin")
     link = tmp_path / "probe"
-    words = ["replay", str(file), "--speed", "max", "--link", str(link)]
-    playing = threading.Thread(target=cli.main, args=(words,))
-    playing.start()
-    while not link.is_symlink():
-        assert playing.is_alive()
     found = b""
-    with link.open("rb", buffering=0) as port:
+    with replaying(file, link), link.open("rb", buffering=0) as port:
         while found.count(0) < 101:
             found += port.read(4096)
-    playing.join()
     decoder = FrameDecoder()
     assert FrameDecoder().feed(found) == decoder.feed(file.read_bytes())
 
