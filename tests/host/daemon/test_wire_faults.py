@@ -309,21 +309,3 @@ def test_a_hundred_reconnects_leak_no_descriptor_and_no_memory(
         )
         record_property("memory, kB more", resident[-1] - resident[10])
         report(record_property, 0, slowest_s)
-
-
-@pytest.mark.nightly
-def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
-    tmp_path: Path, record_property: Record
-) -> None:
-    with bench(tmp_path) as desk:
-        with DaemonProcess(desk.port.path, directory=tmp_path, log=False) as second:
-            second.expect("port is in use by another program; imud opens it when")
-            desk.port.write(desk.probe.poses(50))
-            desk.pose(desk.probe.sequence - 1)
-            time.sleep(1.0)  # it retries, and fails again
-            second.stop()
-            assert sum("in use by" in line for line in second.lines) == 1
-        desk.port.write(desk.probe.poses(50))
-        desk.pose(desk.probe.sequence - 1)
-        assert desk.ledger(desk.probe.sequence)["lost"] == 0
-        report(record_property, 0, 0.0)

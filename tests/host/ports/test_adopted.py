@@ -7,6 +7,7 @@ import asyncio
 import hashlib
 import logging
 import os
+import re
 import subprocess
 import sys
 import time
@@ -117,9 +118,14 @@ def test_a_board_with_our_name_is_opened_at_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("find", [True, "all"])
 def test_another_program_on_a_port_gets_every_byte_and_its_board_is_not_reset(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, find: bool | str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    find: bool | str,
 ) -> None:
-    """It asks for no lock. Opening the port would reset a board."""
+    """It asks for no lock. Opening the port would reset a board. Where imud searches
+    all ports, it says so once, and searches this one when it is free."""
+    caplog.set_level(logging.INFO, "imud")
     opened: list[str] = []
     plain = link._open
     monkeypatch.setattr(
@@ -148,10 +154,18 @@ def test_another_program_on_a_port_gets_every_byte_and_its_board_is_not_reset(
             port.write(b"end\n")
             told = await asyncio.to_thread(other.stdout.readline)
         assert told.decode().split() == [str(number), sent.hexdigest()]
+        assert opened == []
+        if find == "all":
+            await desk.open_port(port)
         desk.unplug(port)
 
     at_desk(tmp_path, check, find=find)
-    assert opened == []
+    lines = [each.getMessage() for each in caplog.records if "in use by" in each.msg]
+    assert len(lines) == (find == "all")
+    for line in lines:
+        assert re.search(
+            r"ttyUSB0: in use by python\S* \(process \d+\); imud waits", line
+        )
 
 
 def test_a_damaged_memory_is_said_and_named_ports_go_on(

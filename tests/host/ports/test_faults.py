@@ -7,8 +7,6 @@ import fcntl
 import json
 import os
 import queue
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -124,19 +122,3 @@ def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> No
         assert sum("has schema" in line for line in process.lines) == 1
         assert not any("corrupt" in line for line in process.lines)
     port.vanish()
-
-
-def test_two_daemons_on_one_endpoint_are_told_apart(chain: Chain) -> None:
-    second = subprocess.run(
-        [
-            *(sys.executable, "-m", "imud", "run", "/dev/none", "--no-log"),
-            *("--listen", chain.daemon.endpoint),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE_S,
-    )
-    assert second.returncode == 1
-    (line,) = second.stderr.splitlines()
-    assert line.startswith(f"imud: can't listen on {chain.daemon.endpoint}")
