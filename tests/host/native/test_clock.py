@@ -48,16 +48,6 @@ def test_a_time_that_does_not_fit_64_bits_is_refused_and_changes_nothing() -> No
         _core.estimate([(FAR, 0)], [], -FAR, 0, 0.0, DRIFT_MAX)
 
 
-def test_a_step_back_is_followed_at_nine_tenths_until_it_is_made_up() -> None:
-    rising = _core.Rising()
-    rising.turn(0, 0, 0.0)
-    assert rising.at(1000) == 1000
-    rising.turn(1000, 900, 0.0)
-    assert [rising.at(x) for x in (1000, 1010, 1500, 2000, 2001)] == [
-        *(1000, 1009, 1450, 1900, 1901)
-    ]
-
-
 def test_a_line_is_made_of_a_rising_function_and_keeps_it() -> None:
     with pytest.raises(TypeError, match="made of a Rising"):
         _core.Line(5, DRIFT_MAX, 1000)  # type: ignore[arg-type]

@@ -28,12 +28,6 @@ def test_a_file_gives_the_same_bytes(params: Params) -> None:
     assert text.isascii()
 
 
-@given(st.binary(min_size=45, max_size=45))
-def test_each_step_of_each_part_has_a_decimal(body: bytes) -> None:
-    params = Params((ParamsRecord(3, body),))
-    assert file.parse(file.written(params)).params.encode() == params.encode()
-
-
 def test_a_file_is_to_be_read_by_people() -> None:
     assert file.written(GOOD, ID) == (
         "# Params of an imu-probe: what turns its raw readings into poses "

@@ -157,23 +157,6 @@ def test_another_probe_on_the_same_port_has_its_own_account() -> None:
     assert [(c["sent"], c["received"]) for c in counts] == [(4, 4), (5, 5)]
 
 
-def test_device_time_is_unrolled_over_its_wrap() -> None:
-    probe, session = FakeProbe(), Session(registry(), 0)
-    probe.time_us = 2**32 - 7000
-    events = session.receive(probe.say("hello") + probe.poses(3), None)
-    times = [event.stamp.t_device_us for event in of(Received, events)]
-    assert times == [2**32 - 7000 + 5000 * i for i in range(4)]
-
-
-def test_a_long_silence_is_measured_by_the_host() -> None:
-    probe, session = FakeProbe(), Session(registry(), 0)
-    session.receive(probe.say("hello"), 0)
-    probe.time_us = 1000
-    away_us = 3 * 2**32 + 1000
-    (event,) = of(Received, session.receive(probe.say("pose"), away_us * 1000))
-    assert event.stamp.t_device_us == away_us
-
-
 def test_a_probe_of_another_schema_is_named_once_and_not_called_corrupt() -> None:
     probe = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1, firmware="0.9.0")
     session = Session(registry(), 0)
