@@ -83,19 +83,3 @@ def test_the_wire_may_have_less_than_the_log(stub: Stub) -> None:
     assert len(wire) < len(kept) / 7
     assert all(kept[key] == data for key, data in wire.items() if key in kept)
     assert sum(key in kept for key in wire) >= len(wire) - 1
-
-
-@pytest.mark.nightly
-def test_recordings_are_numbered_on_over_power_cuts_and_cards_stay_the_same(
-    stub: Stub,
-) -> None:
-    card = prepare(stub.folder / "card")
-    for _ in range(3):
-        run(stub, 5, "--card", card, *CLICK)  # ends by losing power
-    found = recordings(card)
-    assert [(r.number, r.is_ended) for r in found] == [
-        (1, False),
-        (2, False),
-        (3, False),
-    ]
-    assert all(len(r.named("raw")) > 1.4 * RATE_HZ for r in found)

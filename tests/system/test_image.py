@@ -68,16 +68,6 @@ def test_a_click_starts_the_stream_and_the_next_one_stops_it(stub: Stub) -> None
     assert_nothing_is_lost(done)
 
 
-def test_bounce_never_toggles(stub: Stub) -> None:
-    bounces = [
-        f"{start}:{start + 15_000}" for start in range(1_000_000, 1_300_000, 30_000)
-    ]
-    options = itertools.chain.from_iterable(("--press", span) for span in bounces)
-    done = run(stub, 2, *options)
-    assert without_card(done) == [("settings_restored", "boot")]
-    assert not done.named("pose")
-
-
 @every_board
 def test_poses_come_at_100_hz_by_default(stub: Stub) -> None:
     done = run(stub, 6, *CLICK)

@@ -36,17 +36,6 @@ def hello_after(
     return done.named("hello")[-1].fields
 
 
-@nano
-@pytest.mark.long
-@pytest.mark.parametrize("upper", range(16))
-def test_every_identity_but_that_of_an_empty_bus_runs(stub: Stub, upper: int) -> None:
-    for who in range(16 * upper, 16 * upper + 16):
-        fault = {"kind": "wrong_who_am_i", "value": who}
-        hello = run(stub, 1.6, faults=[fault]).named("hello")[-1].fields
-        runs = who not in (0x00, 0xFF)
-        assert hello["sensor"] == ("mpu9250" if runs else "none")
-
-
 PHASES = 30
 
 
