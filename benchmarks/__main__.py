@@ -32,7 +32,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "honesty/aims.py",
     ),
     "nano": (
-        "cycles, stack, flash and RAM: the image, its parts, every filter",
+        "cycles, stack, flash and RAM of the image, its parts, its slowest samples",
         "firmware/cycles.py",
     ),
     "mega": (
@@ -41,8 +41,9 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "strokes/on_board.py --board mega",
     ),
     "f405": (
-        "the same of the F405: instructions, both of its rates, every filter",
+        "the same of the F405, in instructions, at both of its rates",
         "firmware/cycles.py --board f405",
+        "firmware/cycles.py --board f405-760",
     ),
     "micropython": (
         "MicroPython on the virtual F405: rates, instructions, heap, pauses",

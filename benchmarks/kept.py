@@ -28,22 +28,6 @@ FOLDER = PROJECT / "benchmarks" / "results"
 DIGITS = 6  # significant ones of a float; documents show fewer
 
 
-def cycles(found: Results) -> Results:
-    """Of firmware/cycles.py: the image, and each filter alone if it was measured."""
-    demand(found["seconds"] == 120.0, f"{found['seconds']:g} s")
-    kept: Results = {"figures": without_colons(found["figures"])}
-    for name in ("engines", "filters"):
-        if name in found:
-            kept[name] = found[name]
-    if "rates" in found:
-        kept["rates"] = {str(each["sample_hz"]): each for each in found["rates"]}
-    if "parts" in found:
-        means = {name: part["mean"] for name, part in found["parts"].items()}
-        own = (mean for name, mean in means.items() if name.startswith("fuse."))
-        kept["parts"] = means | {"filter": sum(own, means.get("filter", 0.0))}
-    return kept
-
-
 def micropython(found: Results) -> Results:
     """Of firmware/micropython.py: each run without what its program said."""
     demand(found["seconds"] >= 20.0, f"{found['seconds']:g} s")
@@ -103,9 +87,6 @@ KEPT = {
     "host-sites": Kept("host", "tested-sites.json", host.sites),
     "hosts": Kept("hosts", "hosts.json", host.fleet),
     "page": Kept("page", "page.json", host.page),
-    "nano": Kept("nano", "cycles.json", cycles),
-    "mega": Kept("mega", "cycles-mega.json", cycles),
-    "f405": Kept("f405", "cycles-f405.json", cycles),
     "micropython": Kept("micropython", "micropython.json", micropython),
     "pico": Kept("pico", "pico.json", pico),
     "faults": Kept("faults", "faults.json", faults),

@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-import configparser
 import subprocess
 import sys
 from pathlib import Path
 
-from benchmarks.common.boards import NANO
 from benchmarks.common.paths import PROJECT
 from imud import checkout
 from imud.virtual import boards
-
-OFFICIAL = "nano_pio"  # the Nano's image from PlatformIO's own compiler
 
 
 class RunFailed(Exception):
@@ -30,27 +26,6 @@ def simulated(board: str) -> list[str]:
     """The words of `imud` that run a board's image."""
     simulator, image = flashed(board)
     return ["sim", board, "--simulator", str(simulator), "--image", str(image)]
-
-
-def environments() -> list[str]:
-    """Environments of platformio.ini for the Nano's images, the default one first;
-    those without flags of their own have the image of another, and those with sources
-    of their own another sensor."""
-    ini = configparser.ConfigParser(interpolation=None)
-    ini.read(PROJECT / "platformio.ini")
-    names = [
-        section.removeprefix("env:")
-        for section in ini
-        if "env:" in section
-        and "build_flags" in ini[section]
-        and "build_src_filter" not in ini[section]
-    ]
-    others = [
-        name
-        for name in names
-        if name.startswith(f"{NANO.environment}_") and name != OFFICIAL
-    ]
-    return [NANO.environment, *others]
 
 
 def build(environment: str) -> Path:

@@ -1,23 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""The slowest sample of an image that obeys commands while it streams: restarts of its
-filter, and other params. Each comes at another moment of a sample's period, with pose
-and raw of every sample on the wire.
+"""Commands for an image that streams pose and raw of every sample: restarts of its
+filter, and other params. Each comes at another moment of a sample's period.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-from benchmarks.common.boards import Board
+from benchmarks.common.capture import Capture
 from benchmarks.common.images import RunFailed
-from benchmarks.firmware.budget import LIMITS, Line
-from benchmarks.firmware.profiles import measure
 from imud.params.value import Params
-from imud.virtual import motion, sensors
 from imud.wire import messages
 from imud.wire.frame import encode_frame
 from imud.wire.params import words_of
@@ -33,34 +27,36 @@ EVERY_US = 430_000
 WORD_US = 60_000
 APPLY_US = 640_000
 SECONDS = (FIRST_US + RESTARTS * EVERY_US) / 1e6 + 1.0
-LISTED = 20  # functions
 
 Command = tuple[int, str, tuple[int, int]]  # device time in us, name, arguments
 
 
 @dataclass(frozen=True, slots=True)
-class Function:
-    """Its cycles in the slowest sample: of its own, and with what it calls."""
+class Kind:
+    """Commands for a sample's period in us, and the event that confirms one."""
 
-    name: str
-    own: int
-    inclusive: int
+    commands: Callable[[float], Iterator[Command]]
+    event: str
 
+    def options(self, period_us: float) -> list[str]:
+        """The emulator's options for sending them."""
+        words: list[str] = []
+        for index, (at_us, name, arguments) in enumerate(self.commands(period_us)):
+            order = {"command": name, "token": 100 + index, "arguments": arguments}
+            frame = encode_frame(messages.encode("command", order, index, 0))
+            words += ["--send", f"{at_us}:{frame.hex()}"]
+        return words
 
-@dataclass(frozen=True, slots=True)
-class Commanded:
-    """The slowest sample of a run with commands."""
-
-    what: str
-    count: int  # of the commands that were obeyed
-    cycles: int
-    parts: dict[str, int]
-    functions: list[Function]  # the most cycles of their own first
-
-    def line(self, board: Board) -> Line:
-        """Beside the limit of every sample."""
-        name = f"the same, with {self.count} {self.what}"
-        return Line(name, self.cycles, "", LIMITS[board.name].cycles)
+    def obeyed(self, capture: Capture) -> int:
+        """How many were obeyed; RunFailed if none was."""
+        count = sum(
+            received.message.fields["event"] == self.event
+            for received in capture.received
+            if received.message.name == "event"
+        )
+        if count == 0:
+            raise RunFailed(f"no {self.event}; let it run {SECONDS:.0f} s")
+        return count
 
 
 def restarts(period_us: float) -> Iterator[Command]:
@@ -87,69 +83,7 @@ def changes(period_us: float) -> Iterator[Command]:
         at_us += APPLY_US
 
 
-# The measurements, and the event that confirms a command.
-KINDS = {"restarts": (restarts, "restarted"), "new params": (changes, "params_changed")}
-
-
-def options(commands: Iterator[Command]) -> list[str]:
-    """The emulator's options for sending them."""
-    words: list[str] = []
-    for index, (at_us, name, arguments) in enumerate(commands):
-        order = {"command": name, "token": 100 + index, "arguments": arguments}
-        frame = encode_frame(messages.encode("command", order, index, 0))
-        words += ["--send", f"{at_us}:{frame.hex()}"]
-    return words
-
-
-def measure_all(board: Board, image: Path, hand: Path, seed: int) -> list[Commanded]:
-    """Run the image on the motion's begin, with commands of each kind; RunFailed if
-    none of a kind was obeyed.
-    """
-    shorter = hand.with_name("commanded.npz")
-    motion.load(hand)[: round(SECONDS * sensors.HAND_RATE_HZ)].save(shorter)
-    found = []
-    for what, (commands, done) in KINDS.items():
-        words = options(commands(1e6 / board.chip.rate_hz))
-        measured = measure(board, image, shorter, seed, words)
-        events = (
-            received.message.fields["event"]
-            for received in measured.capture.received
-            if received.message.name == "event"
-        )
-        count = sum(event == done for event in events)
-        if count == 0:
-            raise RunFailed(f"no {what} were executed; let it run {SECONDS:.0f} s")
-        found.append(slowest(measured.profile, what, count))
-    return found
-
-
-def slowest(profile: dict[str, Any], what: str, count: int) -> Commanded:
-    """The slowest sample in the emulator's profile."""
-    functions = [
-        Function(name, tally["self"]["in_worst"], tally["inclusive"]["in_worst"])
-        for name, tally in profile["functions"].items()
-        if tally["inclusive"]["in_worst"] > 0
-    ]
-    parts = {name: tally["in_worst"] for name, tally in profile["parts"].items()}
-    return Commanded(
-        what,
-        count,
-        profile["total"]["worst"],
-        dict(sorted(parts.items(), key=lambda item: -item[1])),
-        sorted(functions, key=lambda function: (-function.own, function.name)),
-    )
-
-
-def show(found: Sequence[Commanded]) -> None:
-    """Print the slowest samples by part and by function."""
-    for each in found:
-        print(f"\nslowest sample with {each.what}: {each.cycles} cycles, by part")
-        for name, cycles in each.parts.items():
-            if cycles > 0:
-                print(f"{name:34}{cycles:>10}")
-        print("by function                              own   with what it calls")
-        # What obeys a command has few cycles of its own, and calls those that have.
-        by_all = sorted(each.functions, key=lambda function: -function.inclusive)
-        listed = dict.fromkeys([*by_all[:LISTED], *each.functions[:LISTED]])
-        for function in listed:
-            print(f"{function.name:34}{function.own:>10}{function.inclusive:>22}")
+KINDS = {
+    "restarts": Kind(restarts, "restarted"),
+    "new params": Kind(changes, "params_changed"),
+}

@@ -1,41 +1,35 @@
 # SPDX-License-Identifier: MIT
-"""Where a board's cycles, flash and RAM go.
+"""Where a board's cycles, flash and RAM go, beside the limits of its image.
 
 Runs the board's image with all streams on, while a hand turns the probe any way up,
-draws strokes, rests, and works beside magnets. Shows the image's figures against their
-limits, and its cycles by part. Then it runs the image again while the host restarts its
-filter or changes its params, and shows the slowest samples of these runs by function.
-
-For the ATmega328P alone it also measures the images with the papers' filters, and every
-filter alone, beside Madgwick's and VQF in floats. The STM32F405 also logs to a card;
-measured besides are each of its filters, and both of its rates with every message on
-the wire. Its cycles are counted as instructions, without wait states of flash, buses
-and exceptions.
+draws strokes, rests, and works beside magnets. Then it runs the image again while the
+host restarts its filter or changes its params (commanded.py), and shows the slowest
+samples of these runs by function. An STM32F405 also logs to a card; its cycles are
+counted as instructions, without wait states of flash, buses and exceptions.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import contextlib
+import io
+import json
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common.boards import F405, MEGA, NANO, Board
-from benchmarks.common.feed import Samples
-from benchmarks.common.images import RunFailed, build, environments
-from benchmarks.common.paths import RESULTS, write_results
-from benchmarks.firmware import commanded, filters, parts
-from benchmarks.firmware.budget import Line, SumsDiffer, by_part, figures, print_parts
-from benchmarks.firmware.f405_load import RATES, at_rate, each_filter, print_rates
-from benchmarks.firmware.profiles import (
-    Measured,
-    measure,
-    poses_a_second,
-)
-from imud.errors import ImudError
+from benchmarks import harness
+from benchmarks.common import boards
+from benchmarks.common import capture as captures
+from benchmarks.common.boards import MEGA, NANO, Board
+from benchmarks.common.capture import Capture
+from benchmarks.common.images import RunFailed, build
+from benchmarks.firmware import commanded, parts
+from benchmarks.harness import Figure, Report, Table
+from imud.cli import main as imud
 from imud.virtual import motion, sensors
 from imud.virtual.sensors import Magnet, World
 
@@ -47,190 +41,224 @@ MAGNETS = (
 )
 # Offsets that the calibration at start-up removes, and one of the magnetometer.
 ERRORS = sensors.SensorErrors(mag_offset_ut=3.0)
-BOARDS = {board.name: board for board in (NANO, MEGA, F405)}
-FILTER_SECONDS = 30.0  # of the same motion, for the filters alone
+F405 = boards.F405
+FAST = replace(
+    F405, environment="stm32f405_760", chip=replace(F405.chip, rate_hz=760.0)
+)
+BOARDS = {"nano": NANO, "mega": MEGA, "f405": F405, "f405-760": FAST}
+KIB = 1024
 
 
-def print_image(name: str, summary: dict[str, Any]) -> None:
-    print(
-        f"{name:20}{summary['cycles_mean']:>12.0f}{summary['cycles_worst']:>10}"
-        f"{summary['flash']:>10}{summary['ram']:>8}{summary['stack_max']:>8}"
-    )
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of an image: a share of the time of a sample, and bytes."""
+
+    time: float
+    flash: int
+    ram: int  # of the variables
+    stack: int
+    both: int
 
 
-def compare(samples: Samples) -> dict[str, dict[str, Any]]:
-    """Measure every filter alone; print a line for each when it is done."""
-    print(
-        "\nfilter alone          step: mean     worst   pose: mean     flash     RAM"
-        "   stack"
-    )
-    found: dict[str, dict[str, Any]] = {}
+LIMITS = {
+    # On old Nanos the bootloader takes 2 kB of the flash. 256 bytes of RAM are a
+    # reserve for stack that no run has needed.
+    NANO.name: Limits(0.9, 30 * KIB, 2 * KIB, 2 * KIB, 2 * KIB - 256),
+    # The bootloader takes 8 kB of the flash. A sample's work ends before the next one.
+    MEGA.name: Limits(1.0, 248 * KIB, 8 * KIB, 8 * KIB, 8 * KIB - 256),
+    # Half of the time, because an instruction may take more than a cycle. Data sheet,
+    # "Memory mapping"; the last two sectors of flash are for settings, and the stack is
+    # in 8 KiB of its own (firmware/stm32/stm32f405.ld).
+    F405.name: Limits(0.5, 768 * KIB, 128 * KIB, 8 * KIB, 136 * KIB),
+}
+LISTED = 20  # functions of a slowest sample
+CARD_BYTES_A_SECOND = 120_000  # more than raw and pose take at 760 Hz
+BITS_A_BYTE = 10  # on the wire, with a start and a stop bit
+BAUD = {NANO.name: 500_000, MEGA.name: 500_000, F405.name: 921_600}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A figure of an image, as it is shown, and its limit, if it has one."""
+
+    name: str
+    value: float
+    shown: str = ",.0f"
+    limit: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """An image's capture and its profile, as the emulator wrote it."""
+
+    capture: Capture
+    profile: dict[str, Any]
+
+
+def measure(
+    board: Board, image: Path, hand: Path, seed: int, options: Sequence[str] = ()
+) -> Measured:
+    """Run an image on a motion with all streams on, and profile it."""
+    rate_hz = int(board.chip.rate_hz)
     with tempfile.TemporaryDirectory() as folder:
-        for filter_ in filters.filters():
-            try:
-                cost = filters.cost(filter_, samples, Path(folder))
-            except filters.Unmeasured as error:
-                print(f"{filter_.name:20}  not measured: {error}")
-                found[filter_.key] = {"unmeasured": str(error)}
-                continue
-            print(
-                f"{filter_.name:20}{cost.step_mean:>12.0f}{cost.step_worst:>10}"
-                f"{cost.answer_mean:>13.0f}{cost.flash:>10}{cost.ram:>8}{cost.stack:>8}"
-                f"  {cost.checked}",
-                flush=True,
-            )
-            found[filter_.key] = {
-                "cycles_mean": cost.cycles_mean,
-                "cycles_worst": cost.cycles_worst,
-                **dataclasses.asdict(cost),
-            }
-    return found
+        where, profile = Path(folder) / "parts", Path(folder) / "profile.json"
+        parts.write(image, where)
+        words = ["--seed", str(seed), *options]
+        words += ["--profile", str(profile), "--parts", str(where)]
+        if board.name == F405.name:
+            words += ["--card", str(prepared(Path(folder), motion.load(hand).seconds))]
+        capture = captures.run(
+            board.name,
+            hand,
+            words,
+            image=image,
+            sample_rate_hz=rate_hz,
+            pose_rate_hz=rate_hz,
+        )
+        return Measured(capture, json.loads(profile.read_text()))
 
 
-def first(samples: Samples, seconds: float) -> Samples:
-    count = round(seconds * samples.rate_hz)
-    return Samples(
-        samples.rate_hz, samples.gyr[:count], samples.acc[:count], samples.mag[:count]
-    )
+def prepared(folder: Path, seconds: float) -> Path:
+    """A card image with room for a log of this many seconds."""
+    path = folder / "card.img"
+    size = 48 + int(seconds * CARD_BYTES_A_SECOND) // 2**20
+    with contextlib.redirect_stdout(io.StringIO()):
+        if imud(["card", "prepare", str(path), "--size", f"{size}M"]):
+            raise RunFailed("no card could be prepared")
+    return path
 
 
-def image_of(
-    board: Board, image: Path, hand: Path, args: argparse.Namespace
-) -> tuple[Measured, list[Line], dict[str, Any]]:
-    """Measure the board's image and print its tables."""
-    measured = measure(board, image, hand, args.seed)
-    capture, profile = measured.capture, measured.profile
-    lines = figures(capture.summary, capture.lost, poses_a_second(capture), board.name)
-    rate_hz, clock_mhz = board.chip.rate_hz, board.clock_hz / 1e6
-    print(
-        f"{board.title}: {args.seconds:g} s, pose and raw at {rate_hz:g} Hz, "
-        f"at {clock_mhz:g} MHz"
-    )
-    obeying = commanded.measure_all(board, image, hand, args.seed)
-    lines[1:1] = [each.line(board) for each in obeying]
-    for line in lines:
-        print(line)
-    found = by_part(profile)
-    print_parts(found, profile["interrupts"], profile["samples"])
-    commanded.show(obeying)
-    result = {
-        "board": board.name,
-        "seconds": args.seconds,
-        "figures": {line.name: line.value for line in lines},
-        "summary": capture.summary,
-        "parts": {part.name: dataclasses.asdict(part) for part in found},
-        "functions": profile["functions"],
-        "interrupts": profile["interrupts"],
-        "commanded": [dataclasses.asdict(each) for each in obeying],
-    }
-    return measured, lines, result
+def lines_of(
+    board: Board, capture: Capture, slowest: Mapping[str, int]
+) -> Iterable[Line]:
+    """The figures of an image; `slowest`: cycles of a sample, by the commands sent."""
+    limits, summary = LIMITS[board.name], capture.summary
+    cycles = limits.time * board.clock_hz / board.chip.rate_hz
+    both = summary["ram"] + summary["stack_max"]
+    poses_s, samples_s = capture.pose_times_s, capture.feed.times_s
+    bits = BITS_A_BYTE * summary["bytes"] / float(samples_s[-1] - samples_s[0])
+    yield Line("cycles a sample, worst", summary["cycles_worst"], limit=cycles)
+    for what, worst in slowest.items():
+        yield Line(f"the same, with {what}", worst, limit=cycles)
+    yield Line("cycles a sample, mean", summary["cycles_mean"], limit=cycles)
+    yield Line("asleep", summary["idle"], ".1%")
+    yield Line("share of the wire", bits / BAUD[board.name], ".1%")
+    yield Line("samples", summary["samples"])
+    yield Line("samples late", summary["late"], limit=0)
+    lost = capture.lost + capture.log_dropped
+    yield Line("samples or messages lost", lost, limit=0)
+    poses_hz = (len(poses_s) - 1) / float(poses_s[-1] - poses_s[0])
+    yield Line("poses a second", poses_hz, ".1f")
+    yield Line("flash, bytes", summary["flash"], limit=limits.flash)
+    yield Line("RAM: variables, bytes", summary["ram"], limit=limits.ram)
+    yield Line("RAM: deepest stack, bytes", summary["stack_max"], limit=limits.stack)
+    yield Line("RAM: both, bytes", both, limit=limits.both)
 
 
-def of_nano(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str, Any]]:
-    """Measure the Nano's image, those of the papers' filters, and the filters alone."""
-    image = args.image or build(NANO.environment)
-    measured, lines, result = image_of(NANO, image, hand, args)
-    result["images"] = {NANO.environment: measured.capture.summary}
-    if args.only is None:
-        print("\nimage                       mean     worst     flash     RAM   stack")
-        print_image(NANO.environment, measured.capture.summary)
-        for environment in environments()[1:]:
-            other = measure(NANO, build(environment), hand, args.seed)
-            print_image(environment, other.capture.summary)
-            result["images"][environment] = other.capture.summary
-    if args.only != "image":
-        samples = first(measured.capture.feed.samples, FILTER_SECONDS)
-        result["engines"] = compare(samples)
-    return lines, result
+def image_of(lines: Iterable[Line]) -> Table:
+    """The figures of an image beside their limits."""
+    rows = [
+        (
+            each.name,
+            format(each.value, each.shown),
+            "" if each.limit is None else f"{each.limit:,.0f}",
+        )
+        for each in lines
+    ]
+    return Table("image", {"": "", "measured": "", "limit": ""}, rows)
 
 
-def of_f405(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str, Any]]:
-    """Measure the F405's image, its filters, and both rates with all on the wire."""
-    image = args.image or build(F405.environment)
-    _, lines, result = image_of(F405, image, hand, args)
-    if args.only != "image":
-        shorter = hand.with_name("shorter.npz")
-        motion.load(hand)[: round(FILTER_SECONDS * sensors.HAND_RATE_HZ)].save(shorter)
-        result["filters"] = each_filter(image, shorter, args.seed)
-    if args.only is None:
-        images = {F405.environment: image}
-        rates = [
-            at_rate(images.get(name) or build(name), rate_hz, hand, args.seed)
-            for name, rate_hz in RATES
-        ]
-        print_rates(rates)
-        result["rates"] = [dataclasses.asdict(rate) for rate in rates]
-        lines += [
-            Line(f"{what} at {rate.sample_hz} Hz", value, "", 0)
-            for rate in rates
-            for what, value in (
-                ("late", rate.late),
-                ("lost", rate.lost + rate.log_dropped),
-            )
-        ]
-    return lines, result
+def parts_of(profile: Mapping[str, Any]) -> Table:
+    """Cycles of a sample by part, largest mean first, then all."""
+    count, total = profile["samples"], profile["total"]
+    tallies = profile["parts"]
+    for kind in ("cycles", "outside", "in_worst"):
+        whole = sum(tally[kind] for tally in tallies.values())
+        if whole != total[kind]:
+            raise RunFailed(f"{kind}: parts {whole}, total {total[kind]}")
+    by_size = sorted(tallies.items(), key=lambda item: -item[1]["cycles"])
+    columns = {"part, cycles a sample": "", "mean": ",.0f", "worst": ",d"}
+    columns |= {"in the worst sample": ",d", "before or after its work": ",.0f"}
+    rows = [
+        (
+            *(name, tally["cycles"] / count, tally["worst"]),
+            *(tally["in_worst"], tally["outside"] / count),
+        )
+        for name, tally in [*by_size, ("all", total)]
+    ]
+    return Table("parts", columns, rows)
 
 
-def of_mega(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str, Any]]:
-    """Measure the Mega's image."""
-    _, lines, result = image_of(MEGA, args.image or build(MEGA.environment), hand, args)
-    return lines, result
+def interrupts_of(profile: Mapping[str, Any]) -> Table:
+    """How often interrupts come, and what they take."""
+    columns = {"interrupt": "", "a sample": ".2f", "mean, cycles": ".1f", "worst": ",d"}
+    count = profile["samples"]
+    rows = [
+        (name, each["calls"] / count, each["cycles"] / each["calls"], each["worst"])
+        for name, each in profile["interrupts"].items()
+    ]
+    return Table("interrupts", columns, rows)
 
 
-OF = {NANO: of_nano, MEGA: of_mega, F405: of_f405}
+def slowest_of(what: str, profile: Mapping[str, Any]) -> Table:
+    """The functions of a run's slowest sample: of their own, with what they call."""
+    found = [
+        (name, tally["self"]["in_worst"], tally["inclusive"]["in_worst"])
+        for name, tally in profile["functions"].items()
+        if tally["inclusive"]["in_worst"] > 0
+    ]
+    # What obeys a command has few cycles of its own, and calls those that have.
+    by_all = sorted(found, key=lambda row: -row[2])[:LISTED]
+    by_own = sorted(found, key=lambda row: -row[1])[:LISTED]
+    columns = {"function": "", "own cycles": ",d", "with what it calls": ",d"}
+    title = f"the slowest sample with {what}"
+    return Table(what, columns, [*dict.fromkeys([*by_all, *by_own])], title)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure, print the tables, write the JSON; return 1 if a limit is broken."""
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: benchmarks/firmware/cycles.py --seconds 60",
-    )
-    parser.add_argument("--board", choices=BOARDS, default=NANO.name)
-    parser.add_argument("--seconds", metavar="N", type=float, default=120.0)
-    parser.add_argument("--seed", metavar="N", type=int, default=1)
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--board", choices=BOARDS, default="nano")
+    parser.add_argument("--seconds", type=float, default=120.0, help="of a motion")
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--image",
-        metavar="ELF",
-        type=Path,
-        help="the image to measure (default: builds the one that is flashed)",
+        "--image", type=Path, help="ELF to measure (default: the board's, built)"
     )
-    parser.add_argument(
-        "--only",
-        choices=("image", "filters"),
-        help="the flashed image, or that and the filters (default: all)",
-    )
-    parser.add_argument(
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="default: cycles-BOARD.json, of the Nano cycles.json",
-    )
-    args = parser.parse_args(argv)
+
+
+def measured(args: argparse.Namespace) -> Report:
+    """The image on the whole motion, then with each kind of commands on its begin."""
     board = BOARDS[args.board]
-    name = "" if board is NANO else f"-{board.name}"
-    output = args.output or RESULTS / f"cycles{name}.json"
+    image = args.image or build(board.environment)
     with tempfile.TemporaryDirectory() as folder:
-        hand = Path(folder) / "hand.npz"
-        sensors.generate(
+        hand, begin = Path(folder) / "hand.npz", Path(folder) / "begin.npz"
+        made = sensors.generate(
             args.seconds, args.seed, world=World(magnets=MAGNETS), errors=ERRORS
-        ).save(hand)
-        lines, result = OF[board](hand, args)
-    write_results(output, result)
-    broken = [line for line in lines if not line.is_kept]
-    for line in broken:
-        print(f"too much: {line.name}: {line.value:g}")
-    return 1 if broken else 0
+        )
+        made.save(hand)
+        made[: round(commanded.SECONDS * sensors.HAND_RATE_HZ)].save(begin)
+        whole = measure(board, image, hand, args.seed)
+        tables = [parts_of(whole.profile), interrupts_of(whole.profile)]
+        slowest = {}
+        for what, kind in commanded.KINDS.items():
+            words = kind.options(1e6 / board.chip.rate_hz)
+            found = measure(board, image, begin, args.seed, words)
+            count = kind.obeyed(found.capture)
+            slowest[f"{count} {what}"] = found.profile["total"]["worst"]
+            tables.append(slowest_of(what, found.profile))
+    lines = [*lines_of(board, whole.capture, slowest)]
+    figures = [
+        Figure(each.name, each.value, (0, each.limit), (0, each.limit))
+        for each in lines
+        if each.limit is not None
+    ]
+    data = {"summary": whole.capture.summary, "profile": whole.profile}
+    return Report([image_of(lines), *tables], figures, data)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    return harness.run(
+        "cycles", __doc__, measured, options, variants=["board"], arguments=arguments
+    )
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except (
-        ImudError,
-        RunFailed,
-        SumsDiffer,
-        filters.FilterFailed,
-        parts.NoParts,
-    ) as error:
-        sys.exit(f"cycles: {error}")
+    sys.exit(main())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Assigns each address of an image to a part of the firmware.
+"""Assigns each address of an image to a part of the firmware: the folder of its source.
 
 Uses the debug information, which tells what was inlined where. Shared arithmetic counts
 for the part that calls it.
@@ -14,132 +14,18 @@ from typing import NamedTuple
 
 CALLER = "-"
 REST = "rest"
-
-# The file of the innermost function that is listed here decides.
-FILES = {
-    "sampling.c": "sampling",
-    "twi.c": "sampling",
-    "i2c.c": "sampling",
-    "bus_recovery.c": "sampling",
-    "clock.c": "clock",
-    "handlers.S": "interrupts",
-    "uart.c": "uart",
-    "wire.c": "uart",
-    "usb_descriptors.c": "uart",
-    "radio.c": "radio",
-    "rn41.c": "radio",
-    "spi.c": "card",
-    "sdcard.c": "card",
-    "logbook.c": "card",
-    "logbook_file.c": "card",
-    "logbook_state.c": "card",
-    "logbook_write.c": "card",
-    "mpu9250.c": "sensor",
-    "mpu9250_setup.c": "sensor",
-    "lsm9ds0.c": "sensor",
-    "lsm9ds0_setup.c": "sensor",
-    "adafruit_4517.c": "sensor",
-    "chip_pair.c": "sensor",
-    "joined.c": "sensor",
-    "lis3mdl.c": "sensor",
-    "lsm6dsox.c": "sensor",
-    "part.c": "sensor",
-    "calibrate.c": "calibrate",
-    "pose.c": "pose",
-    "pose_place.c": "strokes",
-    "stroke.c": "strokes",
-    "stroke_way.c": "strokes",
-    "fuse_stroke.c": "strokes",
-    "fuse_own.c": "filter",
-    "fuse_doubt.c": CALLER,
-    "attitude.c": "filter",
-    "paper_filter.c": "filter",
-    "complementary.c": "filter",
-    "mahony.c": "filter",
-    "madgwick.c": "filter",
-    "dcm_pi.c": "filter",
-    "messages.c": "messages",
-    "frame.c": "messages",
-    "settings.c": "settings",
-    "memory.c": "settings",
-    "bank.c": "settings",
-    "crc32.c": "settings",
-    "params.c": "params",
-    "store.c": "params",
-    "probe_params.c": "params",
-    "probe_filter.c": "params",
-    "own_field.c": "params",
-    "eeprom.c": "settings",
-    "journal.c": "settings",
-    "flash.c": "settings",
-    "probe.c": "probe",
-    "probe_state.c": "probe",
-    "probe_stream.c": "probe",
-    "send.c": "probe",
-    "outlet.c": "probe",
-    "commands.c": "probe",
-    "acquisition.c": "probe",
-    "polled.c": "probe",
-    "button.c": "probe",
-    "main.c": "probe",
-    "board.c": "board",
-    "chip.c": "board",
-    "equipment.c": "board",
-    "identity.c": "board",
-    "adc.c": "board",
-    "power.c": "board",
-    "battery.c": "board",
-    "reset.c": "board",
-    "start.S": "board",
-    "start.c": "board",
-    "fixed.c": CALLER,
-    "fixed_trig.c": CALLER,
-    "fixed_mul.S": CALLER,
-    "fixed_mul.c": CALLER,
-    "string.c": CALLER,
-    "vector.c": CALLER,
-    "quat.c": CALLER,
-    "kalman.c": CALLER,
-    "lowpass.c": CALLER,
+INTERRUPTS = "interrupts"
+# Folders of firmware/ and of firmware/core; main.c is in firmware itself.
+FOLDERS = {
+    *("avr", "mega", "nano", "stm32", "rp2040", "generic", "firmware"),
+    *("drivers", "fusion", "params", "probe", "storage", "wire"),
 }
-# The main filter in more detail: its files by these functions and by its stages. Their
-# other functions count for their callers.
-FILTER_FILES = {
-    "fuse.c",
-    "fuse_level.c",
-    "fuse_gyro.c",
-    "fuse_field.c",
-    "fuse_heading.c",
-}
-FILTER_STAGE = "fuse_stage_"
-FILTER_FUNCTIONS = {
-    "fuse_step": "fuse.step",
-    "fuse_take": "fuse.step",
-    "fuse_work": "fuse.step",
-    "fuse_orientation": "fuse.orientation",
-    "fuse_quality": "fuse.quality",
-    "integrate": "fuse.integrate",
-    "fuse_look_for_rest": "fuse.rest",
-    "add_to_means": "fuse.means",
-}
-
-# Of the ATmega328P: data sheet, table 12-6, the vectors that the firmware uses. The
-# handlers of the STM32F405 have names of their own.
-HANDLERS = {
-    "__vector_1": "INT0",
-    "__vector_14": "TIMER0_COMPA",
-    "__vector_13": "TIMER1_OVF",
-    "__vector_18": "USART_RX",
-    "__vector_19": "USART_UDRE",
-    "__vector_24": "TWI",
-}
-
-
-# The machine in the ELF header, and the prefix of its tools.
-TOOLS = {40: "arm-none-eabi-", 83: "avr-"}
+ARITHMETIC = "math"
 
 # Functions of handlers.S beside the handlers. The linker keeps no lines of assembly.
 HANDLED = ("board_time_us", "clock_us", "sampling_begin")
+# The machine in the ELF header, and the prefix of its tools.
+TOOLS = {40: "arm-none-eabi-", 83: "avr-"}
 
 
 class NoParts(Exception):
@@ -175,15 +61,15 @@ def part_of(chain: Sequence[Place], home: str) -> str:
 
 
 def _part(place: Place) -> str:
-    if place.file in FILTER_FILES:
-        if place.function.startswith(FILTER_STAGE):
-            return "fuse." + place.function.removeprefix(FILTER_STAGE)
-        return FILTER_FUNCTIONS.get(place.function, CALLER)
     if place.function.startswith("__vector_") or place.function in HANDLED:
-        return FILES["handlers.S"]
-    if place.file.endswith((".h", ".o")):
-        return CALLER  # inlined; or assembly, of which the linker keeps no lines
-    return FILES.get(place.file, REST if place.file else CALLER)
+        return INTERRUPTS
+    # A header's function is inlined; assembly has an object for its file, or none.
+    if not place.file.endswith(".c"):
+        return CALLER
+    folder = Path(place.file).parent.name
+    if folder == ARITHMETIC:
+        return CALLER
+    return folder if folder in FOLDERS else REST
 
 
 def read(image: Path) -> list[Range]:
@@ -199,7 +85,7 @@ def read(image: Path) -> list[Range]:
             found[-1] = found[-1]._replace(end=address + 2)
         else:
             found.append(Range(address, address + 2, part))
-    if all(item.part in (CALLER, REST, FILES["handlers.S"]) for item in found):
+    if all(item.part in (CALLER, REST, INTERRUPTS) for item in found):
         raise NoParts(f"{image} was built without debug information")
     return found
 
@@ -245,8 +131,7 @@ def _chains(tools: str, image: Path, addresses: Iterable[int]) -> list[list[Plac
         elif not function:
             function = line
         else:
-            name = Path(line.rpartition(":")[0]).name
-            chains[-1].append(Place(function, name.removeprefix("??")))
+            chains[-1].append(Place(function, line.rpartition(":")[0]))
             function = ""
     return chains
 
@@ -256,5 +141,5 @@ def _homes(tools: str, image: Path) -> dict[str, str]:
     found = {}
     for line in _output(f"{tools}nm", "-l", image).splitlines():
         symbol, _, place = line.partition("\t")
-        found[symbol.split()[-1]] = Path(place.rpartition(":")[0]).name
+        found[symbol.split()[-1]] = place.rpartition(":")[0]
     return found

@@ -2,7 +2,7 @@
 """Draws docs/pictures/*.svg from the benchmarks' results.
 
 probe: the image's poses in a hand, beside its error on each recording. time: errors
-over the time of one recording. cycles: error by cycles on the ATmega328P.
+over the time of one recording.
 """
 
 from __future__ import annotations
@@ -51,20 +51,6 @@ OVER_TIME = (
 SMOOTH_S = (
     2.0  # length of the root mean square: shows levels, not the noise of the optics
 )
-
-# The filters alone on the chip: key in cycles.json, engine with the filter's error,
-# label, colour.
-ON_CHIP = (
-    ("fuse", NANO, "imu-probe", "ours"),
-    ("float_vqf", "vqf", "VQF, float", "other"),
-    ("float_basic_vqf", "vqf-basic", "basic VQF, float", "other"),
-    ("float_madgwick", "ahrs-madgwick", "Madgwick, float", "third"),
-    ("madgwick", "madgwick", "Madgwick", "third"),
-    ("mahony", "mahony", "Mahony, gain 15", "fourth"),
-    ("dcm_pi", "dcm_pi", "DCM and PI", "fourth"),
-    ("complementary", "complementary", "complementary", "fourth"),
-)
-CYCLES_THERE_ARE = 80_000  # available a sample, at 16 MHz and 200 Hz
 
 
 def undress(axes: Axes) -> None:
@@ -189,58 +175,6 @@ def draw_time(figure: Figure, measured: Mapping[str, Any]) -> None:
     )
 
 
-def draw_cycles(
-    figure: Figure, measured: Mapping[str, Any], costs: Mapping[str, Any]
-) -> None:
-    """Draw each filter: cycles of a sample, mean to worst, against its error."""
-    means = measured["means_deg"]["all"]
-    axes = figure.subplots()
-    undress(axes)
-    set_log(axes, "x", (5_000, 10_000, 20_000, 40_000, 80_000, 160_000, 320_000))
-    set_log(axes, "y", (1, 2, 5, 10, 20, 50))
-    axes.axvspan(CYCLES_THERE_ARE, 1e6, color=LIGHT.faint, alpha=0.35, lw=0)
-    for key, name, words, colour in ON_CHIP:
-        cost, engine = costs["engines"].get(key, {}), measured_as(means, name)
-        if "cycles_mean" not in cost or engine not in means:
-            continue
-        error, ink = means[engine]["total"], getattr(LIGHT, colour)
-        axes.hlines(error, cost["cycles_mean"], cost["cycles_worst"], color=ink, lw=1.6)
-        is_float = key.startswith("float")
-        axes.scatter(
-            cost["cycles_mean"],
-            error,
-            s=70 if key == "fuse" else 40,
-            facecolor="none" if is_float else ink,
-            edgecolor=ink,
-            linewidth=1.4,
-            zorder=3,
-        )
-        axes.annotate(
-            words,
-            (cost["cycles_mean"], error),
-            xytext=(0, 7),
-            textcoords="offset points",
-            ha="center",
-            color=ink,
-        )
-    axes.set_xlim(4_000, 400_000)
-    axes.set_ylim(1.0, 100.0)
-    axes.annotate(
-        "more than there is at 200 samples a second",
-        (CYCLES_THERE_ARE * 1.06, 1.08),
-        color=LIGHT.quiet,
-    )
-    axes.set_xlabel(
-        "cycles a sample on the ATmega328P, mean to worst (circle: in floats)",
-        color=LIGHT.ink,
-    )
-    axes.set_title(
-        "orientation error, degrees rms, mean over recordings",
-        color=LIGHT.ink,
-        loc="left",
-    )
-
-
 def draw_probe_and_errors(
     figure: Figure, measured: dict[str, Any], made: Any, capture: Any
 ) -> None:
@@ -264,9 +198,6 @@ def draw_of(name: str) -> Callable[[Figure], None]:
     measured = load("accuracy.json", "`make bench`")
     if name == "time":
         return partial(draw_time, measured=measured)
-    if name == "cycles":
-        costs = load("cycles.json", "`make bench WHAT=nano`")
-        return partial(draw_cycles, measured=measured, costs=costs)
     made = sensors.generate(HAND_SECONDS, HAND_SEED)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hand.npz"
@@ -275,14 +206,14 @@ def draw_of(name: str) -> Callable[[Figure], None]:
     return partial(draw_probe_and_errors, measured=measured, made=made, capture=capture)
 
 
-HEIGHTS = {"probe": 4.2, "time": 3.4, "cycles": 3.8}
+HEIGHTS = {"probe": 4.2, "time": 3.4}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Draw each picture."""
     parser = argparse.ArgumentParser(
         description=__doc__,
-        epilog="example: benchmarks/pictures/results.py time cycles",
+        epilog="example: benchmarks/pictures/results.py time",
     )
     parser.add_argument(
         "names",

@@ -47,9 +47,6 @@ def write(folder: Path) -> None:
         "trace": trace,
     }
     (folder / "accuracy.json").write_text(json.dumps(measured))
-    cost = {"cycles_mean": 30000, "cycles_worst": 50000}
-    engines = {"fuse": cost, "float_vqf": {"fits": False}}
-    (folder / "cycles.json").write_text(json.dumps({"engines": engines}))
 
 
 @pytest.mark.sampled(2)
@@ -57,7 +54,6 @@ def write(folder: Path) -> None:
     ("name", "there", "absent"),
     [
         ("time", ["imu-probe, ATmega328P: 2.0°", "VQF, doubles: 2.0°"], "Madgwick"),
-        ("cycles", ["imu-probe", "80 000"], "VQF, float"),
     ],
 )
 def test_a_picture_shows_what_was_measured_and_nothing_else(
