@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: MIT
 """Rests and paths of made feet that stroll, walk, jog, run and sprint in curves, with a
-compass and without: docs/limb-methods.md. Seeds for tuning and for judging are
-kept apart.
-
-example: python -m benchmarks.limb.feet --sets judging --feet 4
+compass and without: docs/limb-methods.md.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.common.options import parser_of
-from benchmarks.common.paths import RESULTS, write_results
-from benchmarks.limb import made_gait, peers
+from benchmarks import harness
+from benchmarks.harness import Report, Table
+from benchmarks.limb import made_gait
 from benchmarks.limb.made_gait import (
     BARE,
     GAITS,
@@ -35,14 +34,9 @@ from imud.body.tracks import Track
 from imud.progress import Progress
 from imud.rotation import FloatArray
 
-OUTPUT = RESULTS / "limb_feet.json"
-SETS = {"tuning": range(5), "judging": range(400, 412)}
+FIRST = {"tuning": 0, "judging": 400}  # seeds
 STRIDES = 30
 SIGMAS = 1.96
-HEADER = (
-    "gait            rests  by thresholds  false  off: mean, worst  inside  m: true, "
-    "stated"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +67,6 @@ class Score:
 
     rests: int
     found: int
-    by_thresholds: int  # of the rests those that fixed thresholds find
     false: int
     off: float
     inside: float
@@ -98,13 +91,8 @@ def score(walk: Walk) -> Score:
     """Without a compass, the truth is turned to the heading of the path's start."""
     track = track_of(walk)
     found = contact.path(track)
-    meets, peers_meet = (
-        [[b < end and e > begin for b, e in spans] for begin, end in walk.contacts]
-        for spans in (
-            [(found.times_s[a], found.times_s[b]) for a, b in found.rests],
-            peers.rests_by_thresholds(track),
-        )
-    )
+    rests = [(found.times_s[a], found.times_s[b]) for a, b in found.rests]
+    meets = [[b < end and e > begin for b, e in rests] for begin, end in walk.contacts]
     truth = true_path(walk, found, track)
     last = found.rests[-1][0]
     at = [int(np.searchsorted(walk.times_s, begin)) for begin, _ in walk.contacts]
@@ -115,7 +103,6 @@ def score(walk: Walk) -> Score:
     return Score(
         rests=len(meets),
         found=sum(map(any, meets)),
-        by_thresholds=sum(map(any, peers_meet)),
         false=sum(not any(column) for column in zip(*meets, strict=True)),
         off=float(np.linalg.norm(off[last]) / way),
         inside=float(is_in.mean()),
@@ -135,61 +122,57 @@ def true_path(walk: Walk, found: FootPath, track: Track) -> FloatArray:
     return np.asarray(rotation.rotate(heading.about_up(turn), truth))
 
 
-def summary(scores: Sequence[Score]) -> dict[str, float]:
-    """Over the feet of a line: shares, means, the worst, and root mean squares."""
-    rests = sum(each.rests for each in scores)
-    off = [each.off for each in scores]
+def summary(name: str, scores: Sequence[Score]) -> dict[str, Any]:
+    """Over the feet of a line: percentages, the worst, and root mean squares."""
     true_m, stated_m = (
         float(np.sqrt(np.mean([getattr(each, key) ** 2 for each in scores])))
         for key in ("true_m", "stated_m")
     )
+    rests = sum(each.rests for each in scores)
+    off = [100.0 * each.off for each in scores]
     return {
-        "feet": len(scores),
-        "found": sum(each.found for each in scores) / rests,
-        "by thresholds": sum(each.by_thresholds for each in scores) / rests,
+        "foot": name,
+        "found": 100.0 * sum(each.found for each in scores) / rests,
         "false": sum(each.false for each in scores),
-        "off mean": float(np.mean(off)),
-        "off worst": max(off),
-        "inside": float(np.mean([each.inside for each in scores])),
-        "least inside": min(each.inside for each in scores),
-        "true m": true_m,
-        "stated m": stated_m,
+        "off": float(np.mean(off)),
+        "worst": max(off),
+        "inside": 100.0 * float(np.mean([each.inside for each in scores])),
+        "least": 100.0 * min(each.inside for each in scores),
+        "true": true_m,
+        "stated": stated_m,
     }
 
 
-def line_of(name: str, row: Mapping[str, float]) -> str:
-    return (
-        f"{name:13} {100 * row['found']:6.1f} % {100 * row['by thresholds']:6.1f} % "
-        f"{row['false']:5} {100 * row['off mean']:6.2f} % "
-        f"{100 * row['off worst']:6.2f} % {100 * row['inside']:6.1f} % "
-        f"{row['true m']:6.2f} {row['stated m']:6.2f}"
-    )
+COLUMNS = {
+    "foot": ("foot", ""),
+    "rests found, %": ("found", ".1f"),
+    "false ones": ("false", "d"),
+    "off, %": ("off", ".1f"),
+    "worst foot": ("worst", ".1f"),
+    "inside, %": ("inside", ".1f"),
+    "worst foot's": ("least", ".1f"),
+    "true, m": ("true", ".2f"),
+    "stated, m": ("stated", ".2f"),
+}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = parser_of(__doc__, SETS, OUTPUT)
-    parser.add_argument("--feet", metavar="N", type=int, help="only N of each set")
-    args = parser.parse_args(argv)
-    report: dict[str, Any] = {}
-    for name in args.sets:
-        seeds = SETS[name][: args.feet]
-        progress = Progress(f"{len(seeds)} feet", len(seeds) * len(CASES))
-        print(f"{name}: {len(seeds)} feet a line")
-        print(HEADER)
-        report[name] = {}
-        for label, case in CASES.items():
-            scores = []
-            for seed in seeds:
-                scores.append(measure_case(case, seed))
-                progress.advance()
-            progress.wipe()
-            row = summary(scores)
-            print(line_of(label, row), flush=True)
-            report[name][label] = row | {"rows": [asdict(each) for each in scores]}
-        progress.end()
-    write_results(args.output, report)
-    return 0
+def measured(args: argparse.Namespace) -> Report:
+    first = FIRST[args.set]
+    progress = Progress("feet", args.seeds * len(CASES))
+    rows = []
+    for name, case in CASES.items():
+        scores = []
+        for seed in range(first, first + args.seeds):
+            scores.append(measure_case(case, seed))
+            progress.advance()
+        rows.append(summary(name, scores))
+    progress.end()
+    return Report([Table.of("paths", COLUMNS, rows)])
 
+
+main = partial(
+    harness.run, *("limb-feet", __doc__, measured), harness.options(seeds=12)
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,7 +6,7 @@ about any axes, moved by hand, and the readings of probes on them 40 times a sec
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,11 +48,9 @@ def made(
     *,
     is_loose: bool = False,
     is_upright: bool = False,
-    own_ut: float = 0.0,
 ) -> Made:
     """A chain, always the same for the same seed; it rests STILL_S at the start. With
-    `is_upright` the axes of its hinges then point up, within some degrees. `own_ut`:
-    of each probe's own field, which is not calibrated.
+    `is_upright` the axes of its hinges then point up, within some degrees.
     """
     random = np.random.default_rng([seed, 0xC4A1])
     t = np.arange(round((STILL_S + seconds) * RATE_HZ)) / RATE_HZ
@@ -90,9 +88,6 @@ def made(
             body, np.array([0.0, -0.1, 0.0]) + random.normal(0.0, 0.02, 3)
         )
         motion = felt(rotation.multiply(body, mount), at, world, moves > 0.0, random)
-        if own_ut:
-            own = own_ut * _unit(random)
-            motion = replace(motion, mag=motion.mag + own)
         motions[name], quats[name] = at_40_hz(motion), quat[EVERY // 2 :: EVERY]
     count = min(len(motions["one"]), len(quats["one"]))
     quats = {name: each[:count] for name, each in quats.items()}

@@ -113,8 +113,6 @@ def test_each_kind_of_joint_is_scored():
     for each in chains.scored(made(), found):
         assert each.rms < 4.0, each.kind
         assert each.inside > 0.85, each.kind
-        assert np.isfinite(each.plain) == (each.kind == "hinge")
-        assert not each.rms > each.plain + 1.0
 
 
 def test_a_joint_that_is_freer_than_the_file_says_is_told():

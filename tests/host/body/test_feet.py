@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.common.feed import sampled
-from benchmarks.limb import clocks, feet, legs, made_gait
+from benchmarks.limb import feet, legs, made_gait
 from benchmarks.limb.feet import track_of
 from benchmarks.limb.made_gait import GAITS
 from imud.body import contact, stance
@@ -307,7 +307,7 @@ def test_a_foot_that_rolls_off_slowly_has_not_landed_again():
     made = leg.made(205, leg.Manner(walk_s=60.0))
     feeds = {name: sampled(each) for name, each in made.motions.items()}
     random = np.random.default_rng([205, 0xC10C])
-    given = {name: clocks.dated(f.times_s, random) for name, f in feeds.items()}
+    given = {name: legs.dated(f.times_s, random) for name, f in feeds.items()}
     foot = replace(legs.track_of(feeds["foot"]), times_s=given["foot"])
     begin_s = made.stages["walk"][0]
     found = contact.path(foot.between(begin_s - 1.0, begin_s + 13.0))
