@@ -33,10 +33,7 @@ class Chain:
             program=program,
             page=page,
         )
-        self.daemon.expect("listens on")
-        self.port.wait_open()
-        self.port.write(self.probe.say("hello"))
-        self.daemon.expect("found on")
+        self.daemon.find(self.port, self.probe)
         self.client = Client(self.daemon.endpoint, prefix)
         self.client.wait_for(seconds=PATIENCE_S)
 

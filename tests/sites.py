@@ -234,10 +234,7 @@ class Desk:
             before=lab.inside(host),
         )
         lab.processes.append(self.daemon)
-        self.daemon.expect("connects to")
-        self.port.wait_open()
-        self.port.write(self.probe.say("hello"))
-        self.daemon.expect("found on")
+        self.daemon.find(self.port, self.probe, up="connects to")
         self.stream = Streaming(self.port, self.probe, period_s=0.02)
 
     @property

@@ -18,7 +18,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Self
 
-from fakes.port import PATIENCE_S
+from fakes.port import PATIENCE_S, Port
+from fakes.probe import FakeProbe
 from imud.client import Client
 
 # Bound, but not listening: a daemon, which sets SO_REUSEADDR, can still bind the port,
@@ -119,6 +120,13 @@ class DaemonProcess:
         # Left running, it could open ptys of the tests that follow.
         self.process.kill()
         raise AssertionError(f"no line matches {pattern!r} in {self.lines}")
+
+    def find(self, port: Port, probe: FakeProbe, up: str = "listens on") -> None:
+        """Once it is up, let it find the probe, which says a hello."""
+        self.expect(up)
+        port.wait_open()
+        port.write(probe.say("hello"))
+        self.expect("found on")
 
     def seen(self) -> list[str]:
         """All lines so far; expect() will not see them again."""

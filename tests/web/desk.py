@@ -132,10 +132,7 @@ class Desk:
             directory=self._folder,
             page=None,
         )
-        daemon.expect("the page is at")
-        self.port.wait_open()
-        self.port.write(self.probe.say("hello"))
-        daemon.expect("found on")
+        daemon.find(self.port, self.probe, up="the page is at")
         self._client = Client(daemon.endpoint)
         self._client.wait_for(seconds=PATIENCE_S)
         self._client.subscribe("pose", None, self._keep)

@@ -94,10 +94,7 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
         f"[ports]\nfind = false\nnamed = ['{port.path}']\n"
     )
     with DaemonProcess("--config", file, directory=tmp_path) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found on")
+        daemon.find(port, probe)
         with Client(daemon.endpoint) as client:
             client.wait_for(probe.name, seconds=PATIENCE_S)
             for firmware in HOSTILE:
@@ -133,10 +130,7 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
 def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
     honest, port = FakeProbe(), Port(tmp_path / "port")
     with DaemonProcess(port.path, directory=tmp_path) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(honest.say("hello"))
-        daemon.expect("found on")
+        daemon.find(port, honest)
         for number in range(2 * PROBES_MAX):
             port.write(FakeProbe(probe_id=number.to_bytes(8, "big")).say("hello"))
         daemon.expect(f"{PROBES_MAX} probes are the limit, so probe .* is ignored")
@@ -154,10 +148,7 @@ def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
 def test_a_flood_of_events_is_a_few_lines(tmp_path: Path) -> None:
     probe, port = FakeProbe(), Port(tmp_path / "port")
     with DaemonProcess(port.path, directory=tmp_path) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found on")
+        daemon.find(port, probe)
         for number in range(LIES):
             port.write(probe.say("event", event="bus_fault", detail=number))
         with Client(daemon.endpoint) as client:

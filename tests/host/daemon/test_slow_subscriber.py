@@ -85,10 +85,7 @@ def is_as_fast_beside_one_that_stands_still(
     """Whether all poses come, and no later than before."""
     probe = FakeProbe()
     with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found on")
+        daemon.find(port, probe)
         stuck = Process(READER, daemon.endpoint)
         heard: list[tuple[int, float]] = []
 

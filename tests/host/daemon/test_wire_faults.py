@@ -45,10 +45,7 @@ class Bench:
         self.daemon = DaemonProcess(
             self.port.path, "--config", file, directory=directory, log=False
         )
-        self.daemon.expect("listens on")
-        self.port.wait_open()
-        self.port.write(self.probe.say("hello"))
-        self.daemon.expect("found on")
+        self.daemon.find(self.port, self.probe)
         self.client = Client(self.daemon.endpoint)
         self.client.wait_for(seconds=PATIENCE_S)
         self.poses = self.hear("pose")

@@ -79,10 +79,7 @@ def test_a_router_may_come_late_be_killed_and_come_back(
         log=False,
         endpoint=ENDPOINT,  # as good as none: it listens nowhere
     ) as daemon:
-        daemon.expect(f" connects to {endpoint}")
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found on")
+        daemon.find(port, probe, up=f" connects to {endpoint}")
         with Streaming(port, probe) as stream:
             daemon.expect("warning: zenoh failed, retrying: no Zenoh router")
             router = Process(ROUTER, endpoint)
@@ -199,10 +196,8 @@ def test_another_that_publishes_on_its_keys_is_told_of(
 ) -> None:
     probe = FakeProbe()
     with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello") + probe.poses(3))
-        daemon.expect("found on")
+        daemon.find(port, probe)
+        port.write(probe.poses(3))
         with Client(daemon.endpoint) as client:
             client.wait_for(PROBE)  # from then on it watches its keys
             client.session.put(f"imud/{PROBE}/pose", b"forged")
@@ -227,10 +222,8 @@ def test_who_comes_late_gets_the_poses_that_are_kept(
     with DaemonProcess(
         port.path, "--config", path, directory=tmp_path, log=False
     ) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello") + probe.poses(20))
-        daemon.expect("found on")
+        daemon.find(port, probe)
+        port.write(probe.poses(20))
         with Client(daemon.endpoint) as client:
 
             def published() -> bool:
@@ -263,10 +256,7 @@ def test_a_probe_that_went_to_another_daemon_is_left_to_it(
 ) -> None:
     probe = FakeProbe()
     with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found on")
+        daemon.find(port, probe)
         with Client(daemon.endpoint) as client:
             client.wait_for(PROBE)
             port.vanish()

@@ -169,10 +169,7 @@ def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
     with DaemonProcess(
         port.path, "--config", settings, directory=tmp_path, log=False
     ) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found on")
+        daemon.find(port, probe)
         session = ros(daemon.endpoint)
         topics = topics_when(
             daemon.endpoint, 5, lambda found: len(found) >= len(EXPECTED)
