@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from websockets.sync.client import connect
 
 import bootloaders
 from bootloaders import ATMEGABOOT, OPTIBOOT_4
@@ -32,7 +31,6 @@ from imud.version import version
 from length import choose
 from system.live import LiveProbe
 from system.virtual import NANO, Stub
-from web.served import Live
 
 EVERY = pytest.mark.parametrize("bootloader", [OPTIBOOT_4, ATMEGABOOT])
 ONE = pytest.mark.parametrize(
@@ -145,31 +143,6 @@ def older(stub: Stub) -> Path:
     path = stub.folder / "older.elf"
     path.write_bytes(code.replace(version, b"0.0.9+"))
     return path
-
-
-def test_the_page_writes_what_is_newer(stub: Stub) -> None:
-    with (
-        board(stub, OPTIBOOT_4, older(stub)) as probe,
-        DaemonProcess(probe.port, directory=stub.folder, page=True) as daemon,
-    ):
-        url = daemon.expect("the page is at").rpartition(" ")[2]
-        with Client(daemon.endpoint) as client:
-            name = client.wait_for(seconds=PATIENCE_S)
-            client.change_params(name, PARAMS.encode())
-        live = f"{url.replace('http', 'ws')}/live"
-        with connect(live, origin=url, compression=None, max_size=None) as connection:
-            visitor = Live(connection)
-            visitor.say(do="update", id=1, probe=name)
-            while (state := visitor.next("update"))["phase"] == "running":
-                pass
-        said = "\n".join(state["said"])
-        assert (state["phase"], state["why"]) == ("done", ""), said
-        assert "firmware 0.0.9+" in said
-        assert f"-> {VERSION.decode()}+" in said
-        assert KEPT in said
-        with Client(daemon.endpoint) as client:
-            assert client.command(name, "start")["ok"]
-        daemon.stop()
 
 
 @EVERY

@@ -14,9 +14,6 @@ import pytest
 from chain import Chain
 from fakes import PATIENCE_S, free_endpoint
 from imud import cli
-from imud.cli.daemon import MISCONFIGURED
-from imud.client import Client
-from imud.errors import DaemonNotFound
 
 
 def test_listen_prints_what_is_published_and_sums_up(
@@ -116,55 +113,6 @@ def test_no_daemon_is_one_line(
     assert cli.main([command, "--connect", endpoint]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"imud: no imud at {endpoint}; start one with imud run")
-
-
-def test_an_endpoint_that_is_none_is_one_line() -> None:
-    with pytest.raises(DaemonNotFound, match="here is not an endpoint"):
-        Client("here")
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        *([], ["run"], ["listen"], ["list"], ["start"], ["stop"], ["tare"]),
-        *(["restart"], ["decode"]),
-    ],
-)
-def test_every_command_has_help_with_an_example(
-    command: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main([*command, "--help"])
-    assert ended.value.code == 0
-    assert "example: imud " in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["fly"],
-        ["listen", "--seconds", "0"],
-        ["run", "--log", "a", "--no-log"],
-        ["restart", "--filter", "none"],
-    ],
-)
-def test_wrong_usage_is_exit_code_2(
-    command: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as ended:
-        cli.main(command)
-    assert ended.value.code == 2
-    assert "usage: imud" in capsys.readouterr().err
-
-
-def test_no_port_to_look_at_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "imud.toml"
-    file.write_text("[ports]\nfind = false\n")
-    assert cli.main(["run", "--config", str(file)]) == MISCONFIGURED
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "is off and no port is listed; give one: imud run /dev/ttyUSB0" in line
 
 
 def test_a_daemon_ends_with_the_program_that_started_it(tmp_path: Path) -> None:

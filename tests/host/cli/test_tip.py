@@ -82,19 +82,6 @@ def test_a_tip_is_found_put_in_force_and_undone(desk: Desk) -> None:
         assert desk.in_force == CALIBRATED
 
 
-def test_a_tip_that_slips_is_refused_with_its_cure_and_nothing_changes(
-    desk: Desk,
-) -> None:
-    slipping = wobbled(Wobble(slip_m=1e-3, wobble_s=8.0), 41.0)
-    with Stream(desk.chain, slipping):
-        code, out, err = desk.run(desk.probe)
-    assert code == 1
-    assert err.startswith("imud: refused: the tip slips or is knocked: ")
-    assert "press it into a dimple that holds it" in err
-    assert "the tip slips" in out  # while there was time to hold it still
-    assert desk.in_force == CALIBRATED
-
-
 def test_a_rule_is_enough(desk: Desk) -> None:
     offset = ("--method", "tape", "--offset-mm", "120", "0", "-15")
     with Stream(desk.chain, ()):
