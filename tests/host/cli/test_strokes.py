@@ -1,18 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""`imud strokes` prints each stroke as it ends."""
+"""`imud strokes`: strokes as they end, and a path of them that has returned to its
+origin.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
 import threading
-from typing import IO, cast
+from collections import deque
+from collections.abc import Callable
+from typing import IO, Any, cast
 
+import jsonschema
 import pytest
 
 from chain import Chain
+from fakes import PATIENCE_S
+from imud.cli import stroke_lines
 from imud.cli.stroke_lines import line_of
+from imud.cli.stroke_path import lines_of
+from imud.client import Client
+from imud.errors import CommandRefused
+from imud.log.schemas import JSON_SCHEMAS
+from imud.probes.double_click import PathCloser
+from imud.probes.path import StrokePath
 
 STROKE = {
     "probe": "stylus",
@@ -61,3 +75,240 @@ def test_strokes_are_printed_as_they_end(chain: Chain, words: list[str]) -> None
     else:
         assert lines[0].startswith("probe")
         assert lines[1].split()[:2] == [chain.probe.name, "7"]
+
+
+SIGMA = [0.004, 0.004, 0.003]
+WAYS = [
+    (0.3, 0.0, 0.001),
+    (0.001, 0.2, 0.0),
+    (-0.299, 0.0, 0.0),
+    (0.002, -0.196, 0.003),
+]
+
+
+def strokes(ways: list[Any] | None = None) -> list[dict[str, Any]]:
+    """Strokes as published, from an origin on."""
+    records, place = [], (0.0, 0.0, 0.0)
+    for number, way in enumerate(ways or WAYS, 1):
+        place = tuple(a + b for a, b in zip(place, way, strict=True))
+        records.append(
+            {
+                "type": "stroke",
+                "stroke": number,
+                "windows": 10,
+                "end": "button",
+                "displacement_m": list(way),
+                "displacement_sigma_m": SIGMA,
+                "path_m": list(place),
+                "path_sigma_m": SIGMA,
+                "t_device_us": 1_000_000 * number,
+            }
+        )
+    return records
+
+
+def path_of(*records: dict[str, Any]) -> StrokePath:
+    path = StrokePath()
+    for stroke in records:
+        path.add_stroke(stroke)
+    return path
+
+
+def test_what_a_path_is_off_is_spread_evenly_over_its_strokes() -> None:
+    path = path_of(*strokes())
+    assert path.places[-1] == pytest.approx([0.004, 0.004, 0.004])
+    assert path.closed() == [
+        pytest.approx([0.299, -0.001, 0.0]),
+        pytest.approx([0.299, 0.198, -0.001]),
+        pytest.approx([-0.001, 0.197, -0.002]),
+        pytest.approx([0.0, 0.0, 0.0]),
+    ]
+
+
+def test_what_runs_is_no_part_of_a_path() -> None:
+    records = strokes()
+    running = records[1] | {"end": "running", "displacement_m": [9.0, 9.0, 9.0]}
+    assert path_of(records[0], running, *records[1:]).places == path_of(*records).places
+
+
+def test_a_stroke_without_length_ends_a_path() -> None:
+    records = strokes()
+    lost = records[1] | {"end": "clipped", "displacement_m": None, "path_m": None}
+    assert path_of(records[0], lost).places == []
+    assert path_of(records[0], lost, records[0]).places == [records[0]["path_m"]]
+
+
+def test_a_new_origin_begins_a_path_anew() -> None:
+    records = strokes()
+    assert path_of(*records[:3], *records[:2]).places == [
+        each["path_m"] for each in records[:2]
+    ]
+
+
+def test_the_first_pose_after_a_stroke_tells_where_the_tip_is() -> None:
+    path = path_of(strokes()[0])
+    path.add_pose({"t_device_us": 999_999, "position_m": [7.0, 7.0, 7.0]})
+    path.add_pose({"t_device_us": 1_000_000, "position_m": [0.31, 0.0, 0.0]})
+    path.add_pose({"t_device_us": 1_010_000, "position_m": [8.0, 8.0, 8.0]})
+    assert path.places == [[0.31, 0.0, 0.0]]
+    path.add_stroke(strokes()[1])
+    path.add_pose({"t_device_us": 2_000_000, "position_m": None})
+    assert path.places[-1] == strokes()[1]["path_m"]
+
+
+@pytest.mark.parametrize(("off", "word"), [(0.004, "within"), (0.009, "more than")])
+def test_how_far_it_is_off_is_told_beside_what_is_stated(off: float, word: str) -> None:
+    path = path_of(*strokes([(0.1, 0.0, 0.0), (off - 0.1, 0.0, 0.0)]))
+    closing = path.closing()
+    assert closing is not None
+    head, end, stated, _, *rows = lines_of("stylus", closing)
+    assert head == f"stylus: 2 strokes end {100 * off:.2f} cm from their origin:"
+    assert word in end
+    assert stated.split() == ["0.78", "0.78", "0.59", "(95", "%)"]
+    assert [float(each) for each in rows[0].split()[:5]] == pytest.approx(
+        [1, 10.0, 0.0, 0.0, 10.0 - 50 * off], abs=0.01
+    )
+    assert closing["off_m"] == pytest.approx([off, 0.0, 0.0])
+
+
+def press(t_us: int) -> dict[str, Any]:
+    return {"type": "event", "event": "button_pressed", "t_device_us": t_us}
+
+
+TARED = {"type": "event", "event": "tared", "t_device_us": 5_150_000}
+STARTED = {"type": "event", "event": "stream_started", "t_device_us": 5_150_000}
+AGAIN = strokes()[3] | {"end": "running", "t_device_us": 5_200_000}
+
+
+@pytest.mark.parametrize(
+    ("between", "apart_us", "closes"),
+    [
+        ([], 500_000, True),
+        ([], 500_001, False),
+        # The first click starts the stream, and the params ask for an origin.
+        ([STARTED, TARED], 300_000, True),
+        # A press that was no click, or jolted the probe.
+        ([AGAIN], 300_000, False),
+    ],
+)
+def test_a_double_click_closes_the_path_of_before_it(
+    between: list[dict[str, Any]], apart_us: int, closes: bool
+) -> None:
+    closer = PathCloser()
+    begin_us = 5_000_000
+    records = [*strokes(), press(begin_us), *between, press(begin_us + apart_us)]
+    closings = [closer.on_record(each) for each in records]
+    assert closings[:-1] == [None] * (len(records) - 1)
+    assert closings[-1] == (path_of(*strokes()).closing() if closes else None)
+
+
+def test_three_presses_are_one_double_click() -> None:
+    closer = PathCloser()
+    records = [*strokes(), *(press(5_000_000 + 200_000 * n) for n in range(3))]
+    closes = [closer.on_record(each) is not None for each in records]
+    assert closes[-3:] == [False, True, False]
+
+
+def test_without_a_path_a_double_click_closes_nothing() -> None:
+    closer = PathCloser()
+    assert [closer.on_record(press(n)) for n in (1, 200_000)] == [None, None]
+
+
+def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
+    heard = chain.hear("path")
+    client, name = chain.client, chain.probe.name
+    with pytest.raises(CommandRefused, match="no path to close"):
+        client.command(name, "close")
+    path = {"path": (0.1, 0.0, 0.0), "path_sigma": (0.04, 0.05)}
+    chain.port.write(chain.probe.say("stroke", **path))
+    while True:  # until the stroke has arrived
+        with contextlib.suppress(CommandRefused):
+            value = client.command(name, "close")["value"]
+            break
+    records = [json.loads(heard.get(timeout=PATIENCE_S))]
+    for _ in range(2):
+        chain.port.write(chain.probe.say("event", event="button_pressed"))
+    records.append(json.loads(heard.get(timeout=PATIENCE_S)))
+    for each, by in zip(records, ("command", "button"), strict=True):
+        jsonschema.validate(each, JSON_SCHEMAS["path"])
+        assert (each["type"], each["probe"], each["by"]) == ("path", name, by)
+        assert each["off_m"] == pytest.approx([0.1, 0.0, 0.0])
+        assert each["off_sigma_m"] == pytest.approx([0.04, 0.04, 0.05])
+        assert not each["is_explained"]
+        assert each["closed_m"] == [[0.0, 0.0, 0.0]]
+        assert {key: each[key] for key in value} == value
+
+
+class Heard(deque[bytes]):
+    """A queue whose user presses Ctrl-C when it is empty."""
+
+    put = deque.append
+
+    def get(self, **_: float) -> bytes:
+        if not self:
+            raise KeyboardInterrupt
+        return self.popleft()
+
+
+class Network:
+    """A client that hears these messages as soon as it subscribes."""
+
+    def __init__(self, records: list[dict[str, Any]]) -> None:
+        self.records = records
+
+    def subscribe(
+        self, topic: str, _: str | None, callback: Callable[[str, bytes], None]
+    ) -> Callable[[], None]:
+        for each in self.records:
+            if each["type"] == topic:
+                callback(each["probe"], json.dumps(each).encode())
+        return lambda: None
+
+
+def closed(records: list[dict[str, Any]], *, as_json: bool) -> None:
+    network = cast(Client, Network([{"probe": "stylus"} | each for each in records]))
+    stroke_lines.listen(network, None, None, as_json=as_json, closes=True)
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stroke_lines.queue, "SimpleQueue", Heard)
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_path_is_closed_when_ctrl_c_ends_it(
+    capsys: pytest.CaptureFixture[str], as_json: bool
+) -> None:
+    pose = {"type": "pose", "t_device_us": 4_000_000, "position_m": [0.005, 0.0, 0.0]}
+    closed([*strokes(), pose], as_json=as_json)
+    lines = capsys.readouterr().out.splitlines()
+    if as_json:
+        assert json.loads(lines[-1])["off_m"] == [0.005, 0.0, 0.0]
+        assert json.loads(lines[-1])["closed_m"][-1] == [0.0, 0.0, 0.0]
+        assert len(lines) == len(WAYS) + 1
+    else:
+        assert "stylus: 4 strokes end 0.50 cm from their origin:" in lines
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_path_that_its_button_closes_is_told_at_once(
+    capsys: pytest.CaptureFixture[str], as_json: bool
+) -> None:
+    closing = path_of(*strokes()).closing()
+    assert closing is not None
+    closed([{"type": "path", **closing}], as_json=as_json)
+    output = capsys.readouterr().out
+    if as_json:
+        assert json.loads(output)["off_m"] == closing["off_m"]
+    else:
+        assert "stylus: 4 strokes end 0.69 cm from their origin:" in output
+
+
+@pytest.mark.usefixtures("at_once")
+def test_without_an_origin_there_is_nothing_to_close(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    closed([each | {"path_m": None} for each in strokes()], as_json=False)
+    assert "imud tare" in capsys.readouterr().err

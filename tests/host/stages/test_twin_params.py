@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The twin of a calibrated probe: equal in every bit, through each change, and whatever
-message of a change is lost.
+"""The twin of a calibrated probe, of one that kept its own magnetic field, and of one
+that feels strokes: equal in every bit, through each change, whatever message is lost.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.desk import lib
+from core.desk import ffi, lib
 from core.probe_bench import Memory
+from core.stroke_desk import measured
 from fakes.records import any_records, calibrated_records, record
+from imud import _core
 from imud.config.settings import Config
 from imud.probes.session import Received
 from imud.stages import SendCommands
@@ -28,9 +30,13 @@ from imud.stages.twin_outcomes import (
     TwinState,
 )
 from imud.stages.twin_stage import TwinStage
+from imud.virtual.stroking import Plan
+from imud.wire.params import digest_of
+from stroke_bench import TIP, feel, stroking
 from twin_bench import (
     BOTH,
     Life,
+    changed,
     followed,
     message_of,
     named,
@@ -313,3 +319,169 @@ def test_no_loss_is_a_difference(data: st.DataObject) -> None:
     begun = data.draw(st.integers(0, len(contents)))
     kept[begun : begun + data.draw(st.integers(0, 8))] = False
     assert_no_difference([c for c, k in zip(contents, kept, strict=True) if k])
+
+
+# Its own field.
+
+
+OWN = (80, -50, 25)  # quarters of 1 uT
+SIGMA = 8
+
+
+def keep(life: Life, axis: tuple[int, int, int] = OWN) -> Life:
+    """As the probe does where its filter has found it."""
+    settings = life.c.settings
+    settings.own_field.axis = list(axis)
+    settings.own_field.sigma = SIGMA
+    settings.own_calibration = life.c.params.digest & 0xFFFF
+    lib.settings_save(ffi.addressof(life.c.writer))
+    lib.probe_say_hello(life.c, life.time_us)
+    return life
+
+
+@functools.cache
+def cells() -> bytes:
+    """The memory of a probe that kept it."""
+    memory = Memory()
+    keep(followed(memory).live(2)).live(800)
+    return bytes(memory.cells)
+
+
+def reborn() -> Life:
+    """The next boot of that probe."""
+    memory = Memory()
+    memory.cells[:] = cells()
+    return followed(memory)
+
+
+def follows(life: Life, begun: int) -> None:
+    twin, outcomes = run_twin(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted] * begun
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
+    assert twin.compared == len(named(life.contents, "pose"))
+
+
+def poses(life: Life) -> list[bytes]:
+    return [life.contents[at][9:] for at in named(life.contents, "pose")]
+
+
+def test_a_probe_that_kept_it_and_its_twin_are_equal_in_every_bit():
+    life = reborn().live(900)
+    hello = message_of(life.contents[named(life.contents, "hello")[-1]])
+    assert hello.fields["own_field"] == (20.0, -12.5, 6.25)
+    assert hello.fields["own_sigma"] == 2.5
+    follows(life, 1)
+    assert poses(life) != poses(followed().live(900))
+
+
+def test_a_restart_begins_with_what_was_kept_meanwhile():
+    life = keep(followed().live(300)).live(20).order(lib.COMMAND_RESTART).live(900)
+    follows(life, 2)
+
+
+def test_a_restart_that_forgets_it_begins_without():
+    life = reborn().live(300).order(lib.COMMAND_RESTART, 0, 1).live(900)
+    follows(life, 2)
+
+
+@pytest.mark.parametrize("records", [calibrated_records(1), b"\x05\x02\0\1"])
+def test_a_change_of_params_is_followed(records):
+    life = reborn().live(300).load(records).live(900)
+    follows(life, 1 + len(named(life.contents, "restarted")))
+
+
+def test_a_restart_after_a_hello_that_was_lost_is_no_difference():
+    life = keep(followed().live(620), (-80, 50, 90))
+    lost = len(life.contents) - 1
+    assert message_of(life.contents[lost]).name == "hello"
+    life.order(lib.COMMAND_RESTART).live(900)
+    twin, outcomes = run_twin(without(life.contents, lost))
+    assert [type(each) for each in outcomes] == [TwinStarted, TwinStarted, TwinLost]
+    assert twin.differed == 0
+
+
+def test_where_poses_do_not_tell_the_next_hello_does():
+    life = keep(followed().live(620), (-80, 50, 90))
+    lost = len(life.contents) - 1
+    life.order(lib.COMMAND_RESTART).order(lib.COMMAND_HELLO).live(900)
+    twin, outcomes = run_twin(without(life.contents, lost))
+    assert [type(each) for each in outcomes] == [TwinStarted, TwinStarted, TwinLost]
+    assert isinstance(outcomes[-1], TwinLost)
+    assert outcomes[-1].reason == "its own field may have changed"
+    assert (twin.state, twin.differed) == (TwinState.LOST, 0)
+
+
+def test_an_own_field_of_other_params_is_not_used():
+    life = reborn().live(900)
+    hello = life.contents[named(life.contents, "hello")[-1]]
+    records = calibrated_records(1)
+    samples = [life.contents[at] for at in named(life.contents, "raw")]
+
+    def last(content: bytes, given: bytes) -> bytes:
+        replay = _core.Replay(content, given)
+        for raw in samples:
+            replay.step(raw)
+        return replay.pose(0, 0)
+
+    none = {"own_field": (0.0, 0.0, 0.0), "own_sigma": 0.0}
+    assert last(hello, b"") != last(changed(hello, **none), b"")
+    assert last(hello, records) == last(changed(hello, **none), records)
+    theirs = changed(hello, params_digest=digest_of(b"\x05\x02\0\1"))
+    assert last(theirs, b"\x05\x02\0\1") == last(hello, b"")
+
+
+# Strokes.
+
+
+def test_a_button_makes_strokes_that_the_twin_computes_again() -> None:
+    life, scene = stroking()
+    feel(life, scene.samples, scene.held())
+    strokes = [message_of(life.contents[at]) for at in named(life.contents, "stroke")]
+    ends = [each.fields["end"] for each in strokes if each.fields["end"] != "running"]
+    assert ends == ["button", "button"]
+    assert len(named(life.contents, "stream_stopped")) == 0
+    places = [message_of(life.contents[at]) for at in named(life.contents, "pose")]
+    assert places[-1].fields["position"] is not None
+    assert places[-1].fields["normal"] is not None
+    twin, outcomes = run_twin(life.contents)
+    assert [type(each) for each in outcomes] == [TwinStarted]
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
+
+
+def test_a_click_still_ends_the_stream() -> None:
+    life, scene = stroking()
+    held = scene.held() & False
+    held[600:630] = True
+    feel(life, scene.samples[:800], held[:800])
+    assert len(named(life.contents, "stream_stopped")) == 1
+
+
+def test_a_stroke_that_differs_is_told() -> None:
+    life, scene = stroking()
+    feel(life, scene.samples, scene.held())
+    last = named(life.contents, "stroke")[-1]
+    spoilt = bytearray(life.contents[last])
+    spoilt[18] ^= 1  # the displacement's first byte
+    life.contents[last] = bytes(spoilt)
+    twin, _ = run_twin(life.contents)
+    assert (twin.state, twin.differed) == (TwinState.DIFFERS, 1)
+
+
+def test_a_lost_press_is_no_difference() -> None:
+    life, scene = stroking()
+    feel(life, scene.samples, scene.held())
+    press = named(life.contents, "button_pressed")[0]
+    twin, outcomes = run_twin(without(life.contents, press))
+    assert TwinLost in [type(each) for each in outcomes]
+    assert twin.differed == 0
+
+
+def test_rests_make_strokes_where_the_button_does_not() -> None:
+    scene = measured(Plan(strokes=2), 7)
+    life = feel(followed().load(TIP), scene.samples, scene.held() & False)
+    strokes = [message_of(life.contents[at]) for at in named(life.contents, "stroke")]
+    ends = [each.fields["end"] for each in strokes if each.fields["end"] != "running"]
+    assert ends == ["rest", "rest"]
+    twin, outcomes = run_twin(life.contents)
+    assert [type(each) for each in outcomes] == [TwinStarted]
+    assert twin.differed == 0
