@@ -12,11 +12,8 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
-import multiprocessing
 import sys
-import tempfile
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -24,26 +21,21 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy import report
-from benchmarks.accuracy.report import Result
+from benchmarks import harness
 from benchmarks.common import engines, scoring
-from benchmarks.common.boards import BOARDS, IMAGES, NANO
-from benchmarks.common.capture import Capture
+from benchmarks.common.boards import BOARDS, IMAGES
 from benchmarks.common.capture import run as run_image
-from benchmarks.common.engines import HOST, VQF, Estimate
+from benchmarks.common.engines import HOST, OFFLINE, PAPERS, VQF, Estimate
 from benchmarks.common.feed import sampled, with_bias
-from benchmarks.common.figure import Figure
-from benchmarks.common.images import RunFailed
-from benchmarks.common.paths import RESULTS
+from benchmarks.common.paths import RECORDINGS
 from benchmarks.common.scoring import Coverage, Score, Trial
-from imud.errors import ImudError
+from benchmarks.harness import Figure, Report, Table, degrees, ratio
 from imud.params.trusted import CALIBRATED
-from imud.progress import Progress
 
 ENGINES = (*IMAGES, *engines.ENGINES)
+GROUPS = (*scoring.GROUPS, "all")
 
-# A magnet on the probe. The figure of all eight diagonals is the mean; with
-# --body-bias the image, and all that is beside it, feels the first of them.
+# A magnet on the probe: the figure is the mean of all eight diagonals.
 BODY_BIAS_UT = 2.8
 DIAGONALS = np.array(list(itertools.product((1.0, -1.0), repeat=3))) / math.sqrt(3.0)
 
@@ -53,29 +45,32 @@ TRACE_HZ = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
-    """Settings for every trial."""
+class Result:
+    """Scores of one trial by engine, and the course of its run."""
 
-    board: str
-    engines: tuple[str, ...]
-    body_bias_ut: float  # 0: as recorded
-    traced: str
+    trial: Trial  # its motion cut down to nothing
+    scores: Mapping[str, Score]
+    coverage: Mapping[str, Coverage]
+    biased: Mapping[str, Score]  # with a magnet on the probe
+    trace: Mapping[str, Any] | None
+    poses: int  # of the image that were recomputed on this machine
+    unequal: int  # of those, with different bits
+    lost: int
+    crashed: int
 
 
-def measure(path: Path, settings: Settings) -> Result:
+def measure(path: Path, board: str, names: Sequence[str]) -> Result:
     """Run every engine on one recording and score it."""
     trial = scoring.load_trial(path)
-    if settings.body_bias_ut:
-        bias_ut = settings.body_bias_ut * DIAGONALS[0]
-        trial = replace(trial, motion=with_bias(trial.motion, bias_ut))
-    image = settings.board
-    capture = run(trial, settings) if image in settings.engines else None
-    chip = BOARDS[image].chip
+    chip = BOARDS[board].chip
+    capture = None
+    if board in names:
+        capture = run_image(board, trial.path, params=CALIBRATED)
     feed = capture.feed if capture else sampled(trial.motion, chip)
     estimates: dict[str, Estimate] = {}
     again: list[bytes] = []
-    for name in settings.engines:
-        if name == image and capture:
+    for name in names:
+        if name == board and capture:
             estimates[name] = engines.poses(feed.pose_times_s, capture.pose_contents)
         elif name == HOST:
             again = engines.replayed(feed, engines.MAIN)
@@ -83,77 +78,49 @@ def measure(path: Path, settings: Settings) -> Result:
         else:
             estimates[name] = engines.ENGINES[name](feed)
     sent = capture.pose_contents if capture and again else []
-    is_traced = trial.name.startswith(settings.traced)
     return Result(
         trial=replace(trial, motion=trial.motion[:0]),
         scores={name: score(each, trial) for name, each in estimates.items()},
         coverage={
-            name: coverage(estimates[name], trial)
-            for name in (image, HOST)
+            name: scoring.coverage_at(estimates[name], trial.motion)
+            for name in (board, HOST)
             if name in estimates
         },
-        biased=biased(trial, settings),
-        trace=trace(estimates, trial) if is_traced else None,
+        biased=biased(trial, board) if {HOST, VQF} <= {*names} else {},
+        trace=trace(estimates, trial) if trial.name.startswith(TRACED) else None,
         poses=len(sent),
         unequal=sum(one != other for one, other in zip(sent, again, strict=False)),
         lost=capture.lost if capture else 0,
-        summary=capture.summary if capture else {},
+        crashed=bool(capture and capture.summary["crashed"]),
     )
-
-
-def run(trial: Trial, settings: Settings) -> Capture:
-    """Run the image on a trial, as recorded or with a magnet on the probe."""
-    if not settings.body_bias_ut:
-        return run_image(settings.board, trial.path, params=CALIBRATED)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{trial.name}.npz"
-        trial.motion.save(path)
-        return run_image(settings.board, path, params=CALIBRATED)
 
 
 def score(estimate: Estimate, trial: Trial) -> Score:
     return scoring.score_at(estimate.times_s, estimate.quats, trial.motion)
 
 
-def coverage(estimate: Estimate, trial: Trial) -> Coverage:
-    tilt, heading = estimate.tilt_sigma_deg, estimate.heading_sigma_deg
-    assert tilt is not None
-    assert heading is not None
-    return scoring.coverage_at(
-        estimate.times_s, estimate.quats, tilt, heading, trial.motion
-    )
-
-
-def biased(trial: Trial, settings: Settings) -> dict[str, Score]:
+def biased(trial: Trial, board: str) -> dict[str, Score]:
     """Means over magnets in eight directions, our C beside VQF on the same samples."""
-    names = [name for name in (HOST, VQF) if name in settings.engines]
-    if len(names) < 2:
-        return {}
-    bias_ut = settings.body_bias_ut or BODY_BIAS_UT
-    # --body-bias has been added to the motion already.
-    own_ut = settings.body_bias_ut * DIAGONALS[0]
-    scores: dict[str, list[Score]] = {name: [] for name in names}
+    scores: dict[str, list[Score]] = {HOST: [], VQF: []}
     for direction in DIAGONALS:
-        moved = with_bias(trial.motion, bias_ut * direction - own_ut)
-        feed = sampled(moved, BOARDS[settings.board].chip)
-        for name in names:
-            scores[name].append(score(engines.ENGINES[name](feed), trial))
+        moved = with_bias(trial.motion, BODY_BIAS_UT * direction)
+        feed = sampled(moved, BOARDS[board].chip)
+        for name, found in scores.items():
+            found.append(score(engines.ENGINES[name](feed), trial))
     return {name: Score.mean(each) for name, each in scores.items()}
 
 
 def trace(estimates: Mapping[str, Estimate], trial: Trial) -> dict[str, Any]:
-    """Errors over time, ten a second; null where the optics saw nothing."""
+    """Errors over time, ten a second; NaN where the optics saw nothing."""
     times = np.arange(0.0, trial.motion.seconds, 1.0 / TRACE_HZ)
-    errors: dict[str, dict[str, list[float]]] = {}
+    errors: dict[str, list[float]] = {}
     for name, estimate in estimates.items():
         nearest = np.searchsorted(estimate.times_s, times)
         nearest = nearest.clip(max=len(estimate.times_s) - 1)
         found = scoring.errors_at(
             estimate.times_s[nearest], estimate.quats[nearest], trial.motion
         )
-        errors[name] = {
-            kind: np.round(values, 3).tolist() for kind, values in asdict(found).items()
-        }
+        errors[name] = np.round(found.total, 3).tolist()
     return {
         "trial": trial.name,
         "t_s": np.round(times, 3).tolist(),
@@ -162,36 +129,153 @@ def trace(estimates: Mapping[str, Estimate], trial: Trial) -> dict[str, Any]:
     }
 
 
-def live(result: Result) -> str:
-    """The line that is printed as soon as a trial is done."""
-    totals = ", ".join(
-        f"{name} {result.scores[name].total:.2f}"
-        for name in (*IMAGES, HOST, VQF)
-        if name in result.scores
-    )
-    if not result.summary:
-        return f"{result.trial.name:46}{totals}"
-    crash = ", CRASHED" if result.summary["crashed"] else ""
-    return (
-        f"{result.trial.name:46}{totals}; lost {result.lost}, "
-        f"late {result.summary['late']}, "
-        f"worst {result.summary['cycles_worst']} cycles{crash}"
-    )
+def average(results: Sequence[Result], group: str) -> dict[str, Score]:
+    """The mean over the trials of a group, engine by engine; empty without any."""
+    return Score.means([each.scores for each in results if each.trial.is_in(group)])
 
 
-def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="examples: benchmarks/accuracy/recordings.py --trials 07 32; "
-        "benchmarks/accuracy/recordings.py --host-only",
-    )
-    scoring.add_arguments(parser)
+def figures(results: Sequence[Result]) -> Iterator[Figure]:
+    """The required figures that can be computed from these engines."""
+    means = {group: average(results, group) for group in GROUPS}
+    every, disturbed = means["all"], means["disturbed"]
+    ours = next((name for name in IMAGES if name in every), HOST)
+    mine = every[ours]
+    if VQF in every:
+        other, theirs = every[VQF], disturbed[VQF]
+        heading = disturbed[ours].heading
+        tilts = mine.inclination, other.inclination
+        yield ratio("total / VQF", mine.total, other.total, 0.64, 0.58)
+        yield ratio("inclination / VQF", *tilts, 0.92, 0.80)
+        name = "heading / VQF, disturbed group"
+        yield ratio(name, heading, theirs.heading, 0.75, 0.50)
+        yield degrees("heading, disturbed group, deg", heading, 1.40, 1.25)
+        both = Score.means([result.biased for result in results])
+        name = "total / VQF, a magnet on the probe"
+        yield ratio(name, both[HOST].total, both[VQF].total, 0.75, 0.55)
+    total = means["attached magnet"][ours].total
+    yield degrees("total, attached magnet, deg", total, 1.40, 1.15)
+    if OFFLINE in every:
+        other = every[OFFLINE]
+        tilts = mine.inclination, other.inclination
+        yield ratio("total / offline VQF", mine.total, other.total, math.inf, 1.0)
+        yield ratio("inclination / offline VQF", *tilts, math.inf, 1.0)
+    for group in GROUPS:
+        shares = [each.coverage for each in results if each.trial.is_in(group)]
+        mean = Coverage.mean([share[ours] for share in shares])
+        for kind in ("tilt", "heading"):
+            value = 100.0 * getattr(mean, kind)
+            name = f"{kind} inside {scoring.SIGMAS:g} sigma, %, {group}"
+            yield Figure(name, value, (88.0, 100.0), (93.0, 98.0))
+    # Whether the stated errors inform: their medians divided by the true errors.
+    for kind, sigma, error in (
+        ("tilt", mean.tilt_sigma_deg, mine.inclination),
+        ("heading", mean.heading_sigma_deg, mine.heading),
+    ):
+        yield ratio(f"{kind}, median stated / true rms", sigma, error, 2.0, 1.3)
+    value = 100.0 * mean.heading_null
+    yield Figure("heading withheld, %", value, (0.0, 1.0), (0.0, 0.5))
+
+
+def of_images(results: Sequence[Result]) -> Iterator[Figure]:
+    """What must not be."""
+    poses = sum(each.poses for each in results)
+    for name, detail in (
+        ("unequal", f"poses of {poses} have other bits than the C on this machine"),
+        ("lost", "samples and messages"),
+        ("crashed", "images"),
+    ):
+        count = sum(getattr(each, name) for each in results)
+        yield Figure(name, count, (0, 0), (0, 0), detail)
+
+
+def tables_of(results: Sequence[Result], board: str) -> list[Table]:
+    """Total, heading and inclination errors, degrees rms, means over trials."""
+    means = {group: average(results, group) for group in GROUPS}
+    counts = {group: sum(e.trial.is_in(group) for e in results) for group in GROUPS}
+    names = [*results[0].scores]
+    if board in names:
+        names.remove(HOST)  # which computes the same poses
+    titles = TITLES | dict.fromkeys((board, HOST), f"imu-probe, {BOARDS[board].title}")
+    columns = {f"{group}, {count}": "" for group, count in counts.items() if count}
+    rows = {
+        name: [titles[name], *(str(found[name]) for found in means.values() if found)]
+        for name in names
+    }
+    trials = {
+        each.trial.name: [f"{each.scores[n].total:.2f}" for n in names]
+        for each in results
+    }
+    return [
+        Table(
+            "trials",
+            {"trial": ""} | dict.fromkeys(names, ""),
+            [(name, *each) for name, each in trials.items()],
+        ),
+        Table(
+            "errors",
+            {"": ""} | columns,
+            [row for name, row in rows.items() if name not in PAPERS],
+        ),
+        Table(
+            "papers",
+            {"filter": ""} | columns,
+            [row for name, row in rows.items() if name in PAPERS],
+        ),
+    ]
+
+
+TITLES = {
+    VQF: "VQF in doubles",
+    OFFLINE: "VQF offline, which also uses later samples",
+    "ahrs-madgwick": "Madgwick (`ahrs`, gain 0.06)",
+    "ahrs-mahony": "Mahony (`ahrs`, gain 0.2)",
+    "imufusion": "Fusion (`imufusion`, defaults)",
+    "complementary": "complementary, of a thesis",
+    "mahony": "Mahony, as NECTEC's paper has it (Kp = 15)",
+    "madgwick": "Madgwick",
+    "dcm_pi": "Baranek's DCM with PI, which has no magnetometer",
+}
+
+
+def measured(args: argparse.Namespace) -> Report:
+    names = args.engines or [e for e in ENGINES if e not in IMAGES or e == args.board]
+    absent = [path for path in args.paths if not path.exists()]
+    if absent:
+        print(f"skipped: no recordings at {absent[0]}; see docs/motion-files.md")
+        sys.exit(0)
+    paths = scoring.find_trials(args.paths, args.trials)
+    if not paths:
+        sys.exit("no recording has such a name")
+    task = partial(measure, board=args.board, names=names)
+    results = list(harness.each(task, paths, args.jobs, "recordings"))
+    found = [*of_images(results)] if args.board in names else []
+    # The other figures are of all the public trials, and of no others.
+    is_whole = sum(each.trial.is_public for each in results) == scoring.TRIALS
+    if is_whole and len(results) == scoring.TRIALS and HOST in names:
+        found += figures(results)
+    data = {
+        "means_deg": {"all": asdicts(average(results, "all"))},
+        "trials": {each.trial.name: asdicts(each.scores) for each in results},
+        "trace": next((each.trace for each in results if each.trace), None),
+    }
+    return Report(tables_of(results, args.board), found, data)
+
+
+def asdicts(scores: Mapping[str, Score]) -> dict[str, dict[str, float]]:
+    return {name: asdict(each) for name, each in scores.items()}
+
+
+def more(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--board",
-        choices=BOARDS,
-        default=NANO.name,
-        help="whose image, and at whose rate (default: %(default)s)",
+        "paths",
+        metavar="PATH",
+        nargs="*",
+        type=Path,
+        default=[RECORDINGS],
+        help="recordings or folders of them (default: ../shared/data/broad)",
+    )
+    parser.add_argument(
+        "--trials", metavar="NAME", nargs="+", default=[], help="how their names begin"
     )
     choice = parser.add_mutually_exclusive_group()
     choice.add_argument(
@@ -208,107 +292,14 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         const=engines.QUICK,
         help=f"no image, and only fast engines: {', '.join(engines.QUICK)}",
     )
-    parser.add_argument(
-        "--body-bias",
-        metavar="UT",
-        type=float,
-        default=0.0,
-        help="a magnet on the probe: a constant field of this many uT in its frame, "
-        f"along 1 1 1; one ratio averages eight diagonals ({BODY_BIAS_UT:g} uT of it "
-        "without this option)",
-    )
-    parser.add_argument(
-        "--trace",
-        metavar="NAME",
-        default=TRACED,
-        help="trial whose errors over time go into the JSON (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--output",
-        metavar="FILE",
-        type=Path,
-        help="default: accuracy-BOARD.json, of the Nano accuracy.json",
-    )
-    args = parser.parse_args(argv)
-    others = set(IMAGES) - {args.board}
-    args.engines = args.engines or [each for each in ENGINES if each not in others]
-    if others & set(args.engines):
-        parser.error(f"the image is that of --board {args.board}")
-    name = "" if args.board == NANO.name else f"-{args.board}"
-    args.output = args.output or RESULTS / f"accuracy{name}.json"
-    return args
 
 
-def measure_all(paths: Sequence[Path], args: argparse.Namespace) -> list[Result]:
-    """Measure all trials, `--jobs` at a time; print a line for each when it is done."""
-    task = partial(
-        measure,
-        settings=Settings(args.board, tuple(args.engines), args.body_bias, args.trace),
-    )
-    progress = Progress(f"{len(paths)} recordings", len(paths))
-    results = []
-    # Processes, because other filters are Python and would share one interpreter lock.
-    with ProcessPoolExecutor(
-        min(args.jobs, len(paths)), multiprocessing.get_context("spawn")
-    ) as pool:
-        for result in pool.map(task, paths):
-            results.append(result)
-            progress.wipe()
-            print(live(result), flush=True)
-            progress.advance()
-    progress.end()
-    return results
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the tables and write the JSON; return 1 if a required figure is missed."""
-    args = parse(argv)
-    absent = [path for path in args.paths if not path.exists()]
-    if absent:
-        print(f"skipped: no recordings at {absent[0]}; see docs/motion-files.md")
-        return 0
-    paths = scoring.find_trials(args.paths, args.trials)
-    if not paths:
-        print("no recording has such a name", file=sys.stderr)
-        return 2
-    results = measure_all(paths, args)
-    asked = {"board": args.board, "engines": args.engines}
-    asked["body_bias_ut"] = args.body_bias
-    report.write(results, asked, args.output)
-    report.print_tables(results, args.engines)
-    # The figures are of all the public trials as they are, and of no others.
-    count = sum(report.members(results, tuple(scoring.FOLDS)).values())
-    is_judged = count == scoring.TRIALS == len(results) and not args.body_bias
-    found = list(report.figures(results))
-    if found:
-        report.print_figures(found, is_judged=is_judged)
-    return end(results, found if is_judged else [], args.board)
-
-
-def end(results: Sequence[Result], judged: Sequence[Figure], image: str) -> int:
-    """Print the last lines; return the exit code."""
-    missed = sum(figure.verdict == "MISSED" for figure in judged)
-    unequal = sum(result.unequal for result in results)
-    lost = sum(result.lost for result in results)
-    runs = [result.summary for result in results if result.summary]
-    crashed = sum(bool(each["crashed"]) for each in runs)
-    print()
-    if runs:
-        late = sum(each["late"] for each in runs)
-        print(f"{crashed} crashes, {lost} samples or messages lost, {late} late")
-    if any(result.poses for result in results):
-        poses = sum(result.poses for result in results)
-        print(
-            f"{HOST} and {image}: {poses} poses, "
-            + (f"{unequal} DIFFER" if unequal else "equal in every bit")
-        )
-    if missed:
-        print(f"{missed} figures are outside their limits")
-    return 1 if crashed or lost or unequal or missed else 0
-
+main = partial(
+    harness.run,
+    *("recordings", __doc__, measured),
+    harness.options(boards=BOARDS, jobs=2, more=more),
+    variants=["board"],
+)
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except (ImudError, RunFailed) as error:
-        sys.exit(f"accuracy: {error}")
+    sys.exit(main())

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.common import wire
 from benchmarks.common.core import Replay
-from benchmarks.common.feed import Feed, Samples, with_filter
+from benchmarks.common.feed import Feed, with_filter
 from imud import rotation
 from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
@@ -27,6 +27,13 @@ class Estimate:
     quats: FloatArray  # world_from_body, world east-north-up
     tilt_sigma_deg: FloatArray | None = None  # NaN: not known
     heading_sigma_deg: FloatArray | None = None
+
+    @property
+    def sigmas_deg(self) -> tuple[FloatArray, FloatArray]:
+        """Of tilt and of heading, of a filter that states them."""
+        assert self.tilt_sigma_deg is not None
+        assert self.heading_sigma_deg is not None
+        return self.tilt_sigma_deg, self.heading_sigma_deg
 
 
 Engine = Callable[[Feed], Estimate]
@@ -72,24 +79,15 @@ def core(feed: Feed, name: str) -> Estimate:
     return poses(feed.pose_times_s, replayed(feed, name))
 
 
-def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
+def vqf_defaults(feed: Feed) -> Estimate:
     """VQF from PyPI with its default parameters."""
+    import vqf
+
     samples = feed.samples
     # Samples from one magnetometer reading to the next.
     every = max(1.0, round(len(samples) / max(1, int(samples.has_mag.sum())), 1))
-    return Estimate(feed.times_s, vqf_quats(samples, every, is_basic=is_basic))
-
-
-def vqf_quats(samples: Samples, every: float, *, is_basic: bool) -> FloatArray:
-    """VQF's orientations, with a magnetometer reading for `every` samples.
-
-    The basic one estimates no gyroscope offset and rejects no magnetic disturbance.
-    """
-    import vqf
-
     step_s = 1.0 / samples.rate_hz
-    kind = vqf.BasicVQF if is_basic else vqf.VQF
-    tracker = kind(step_s, step_s, every * step_s)
+    tracker = vqf.VQF(step_s, step_s, every * step_s)
     out = np.empty((len(samples), 4))
     gyr, acc, mag = (
         np.ascontiguousarray(values, dtype=np.float64)
@@ -101,7 +99,7 @@ def vqf_quats(samples: Samples, every: float, *, is_basic: bool) -> FloatArray:
         if is_new:
             tracker.updateMag(mag[index])
         out[index] = tracker.getQuat9D()
-    return out
+    return Estimate(feed.times_s, out)
 
 
 def vqf_offline(feed: Feed) -> Estimate:
@@ -117,53 +115,43 @@ def vqf_offline(feed: Feed) -> Estimate:
     return Estimate(feed.times_s, found["quat9D"])
 
 
-CALIBRATION_S = 5.0  # at rest; tuned filters get the rates less their mean over it
+CALIBRATION_S = 5.0  # at rest; `ahrs` gets the rates less their mean over it
+
+# The gains that suit these recordings best, as far as we know.
+MADGWICK_GAIN, MAHONY_GAIN = 0.06, 0.2
+# `ahrs` refuses an integral gain of 0; this one has no effect within an hour.
+NO_INTEGRAL = 1e-12
 
 
-def without_bias(feed: Feed) -> FloatArray:
-    """Rates less their mean over the start, where every recording rests; rad/s."""
-    samples = feed.samples
-    rest = samples.gyr[: round(CALIBRATION_S * samples.rate_hz)]
-    return np.asarray(samples.gyr - rest.mean(axis=0))
-
-
-def ahrs_madgwick(feed: Feed, gain: float | None = None) -> Estimate:
-    """Madgwick's filter from PyPI's `ahrs`; by default its gain of 0.041."""
+def ahrs_madgwick(feed: Feed) -> Estimate:
+    """Madgwick's filter from PyPI's `ahrs`."""
     from ahrs.filters import Madgwick
 
-    own = {} if gain is None else {"gain": gain}
-    found = Madgwick(**ahrs_input(feed, is_tuned=gain is not None), **own)
+    found = Madgwick(**ahrs_input(feed), gain=MADGWICK_GAIN)
     # Its world frame has x north and y west.
     quarter = rotation.from_rotation_vector(np.array([0.0, 0.0, np.pi / 2]))
     return Estimate(feed.times_s, rotation.multiply(quarter, found.Q))
 
 
-# `ahrs` refuses an integral gain of 0; this one has no effect within an hour.
-NO_INTEGRAL = 1e-12
-
-
-def ahrs_mahony(feed: Feed, gain: float | None = None) -> Estimate:
-    """Mahony's filter from PyPI's `ahrs`; by default its gains of 1 and 0.3."""
+def ahrs_mahony(feed: Feed) -> Estimate:
+    """Mahony's filter from PyPI's `ahrs`."""
     from ahrs.filters import Mahony
 
-    own = {} if gain is None else {"k_P": gain, "k_I": NO_INTEGRAL}
-    found = Mahony(**ahrs_input(feed, is_tuned=gain is not None), **own)
+    found = Mahony(**ahrs_input(feed), k_P=MAHONY_GAIN, k_I=NO_INTEGRAL)
     return Estimate(feed.times_s, found.Q)
 
 
-def ahrs_input(feed: Feed, *, is_tuned: bool) -> dict[str, Any]:
-    """Samples as `ahrs` expects them.
-
-    Between readings of the magnetometer tuned filters do better without a field, which
-    zeros mean; filters at their defaults with the last reading.
+def ahrs_input(feed: Feed) -> dict[str, Any]:
+    """Samples as `ahrs` expects them: rates less their mean over the start, where every
+    recording rests. Between readings of the magnetometer these filters do better
+    without a field, which zeros mean, than with the last reading.
     """
     samples = feed.samples
-    mag = samples.mag_held
-    if is_tuned:
-        mag = np.where(samples.has_mag[:, None], mag, 0.0)
-        mag[0] = samples.mag_held[0]  # the filter starts from it
+    rest = samples.gyr[: round(CALIBRATION_S * samples.rate_hz)]
+    mag = np.where(samples.has_mag[:, None], samples.mag_held, 0.0)
+    mag[0] = samples.mag_held[0]  # the filter starts from it
     return {
-        "gyr": without_bias(feed) if is_tuned else samples.gyr,
+        "gyr": np.asarray(samples.gyr - rest.mean(axis=0)),
         "acc": samples.acc,
         "mag": mag,
         "frequency": samples.rate_hz,
@@ -194,12 +182,9 @@ def fusion_defaults(feed: Feed) -> Estimate:
 ENGINES: dict[str, Engine] = {
     HOST: partial(core, name=MAIN),
     VQF: vqf_defaults,
-    "vqf-basic": partial(vqf_defaults, is_basic=True),
     OFFLINE: vqf_offline,
     "ahrs-madgwick": ahrs_madgwick,
-    "ahrs-madgwick-.06": partial(ahrs_madgwick, gain=0.06),
     "ahrs-mahony": ahrs_mahony,
-    "ahrs-mahony-.2": partial(ahrs_mahony, gain=0.2),
     "imufusion": fusion_defaults,
     **{name: partial(core, name=name) for name in PAPERS},
 }

@@ -7,14 +7,13 @@ Orientation Estimation", Data 6(7):72, 2021, doi:10.3390/data6070072.
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common.paths import RECORDINGS
+from benchmarks.common.engines import Estimate
 from imud import rotation
 from imud.rotation import FloatArray
 from imud.virtual import motion
@@ -27,16 +26,7 @@ GROUPS = {
     "disturbed": "disturbed",
     "attached magnet": "attached_magnet",
 }
-
-
-# Thirds that each have every group and kind of motion: parameters tuned on two of them
-# are judged on the third.
-FOLDS = {
-    "fold A": ("01", "06", "10", "14", "21", "24", "32"),
-    "fold B": ("03", "07", "12", "16", "26", "30", "34"),
-    "fold C": ("05", "09", "13", "19", "28", "36", "37"),
-}
-TRIALS = sum(len(numbers) for numbers in FOLDS.values())
+TRIALS = 21  # public ones
 
 SIGMAS = 1.96  # 95 % of normal errors fall inside
 
@@ -53,10 +43,12 @@ class Trial:
     def name(self) -> str:
         return self.path.stem
 
+    @property
+    def is_public(self) -> bool:
+        return "all_trials" in self.groups
+
     def is_in(self, name: str) -> bool:
-        """Whether a group, a fold or "all" has it."""
-        if name in FOLDS:
-            return self.name.startswith(FOLDS[name]) and "all_trials" in self.groups
+        """Whether a group or "all" has it."""
         return name == "all" or GROUPS.get(name) in self.groups
 
 
@@ -69,13 +61,19 @@ class Score:
     inclination: float
 
     def __str__(self) -> str:
-        return f"{self.total:6.2f} {self.heading:6.2f} {self.inclination:6.2f}"
+        return f"{self.total:.2f} / {self.heading:.2f} / {self.inclination:.2f}"
 
     @staticmethod
     def mean(scores: Sequence[Score]) -> Score:
         """The plain mean over trials, whatever their lengths."""
         rows = [(score.total, score.heading, score.inclination) for score in scores]
         return Score(*np.mean(rows, axis=0).tolist())
+
+    @staticmethod
+    def means(rows: Sequence[Mapping[str, Score]]) -> dict[str, Score]:
+        """The mean over trials, engine by engine; empty without a trial."""
+        names = rows[0] if rows else ()
+        return {name: Score.mean([row[name] for row in rows]) for name in names}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +90,6 @@ class Coverage:
     heading_null: float
     tilt_sigma_deg: float = np.nan
     heading_sigma_deg: float = np.nan
-
-    def __str__(self) -> str:
-        tilt, heading, no_tilt, no_heading = (
-            100.0 * each for each in astuple(self)[:4]
-        )
-        return f"{tilt:5.1f} {heading:5.1f} ({no_tilt:.1f} {no_heading:.1f})"
 
     @staticmethod
     def mean(coverages: Sequence[Coverage]) -> Coverage:
@@ -119,22 +111,6 @@ class Errors:
     inclination: FloatArray
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options that choose the recordings, and how many run at a time."""
-    parser.add_argument(
-        "paths",
-        metavar="PATH",
-        nargs="*",
-        type=Path,
-        default=[RECORDINGS],
-        help="recordings or folders of them (default: ../shared/data/broad)",
-    )
-    parser.add_argument(
-        "--trials", metavar="NAME", nargs="+", default=[], help="how their names begin"
-    )
-    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
-
-
 def find_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Path]:
     """Recordings among files and in folders, those whose names begin with `numbers`."""
     files: list[Path] = []
@@ -148,11 +124,6 @@ def find_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Path
 def load_trial(path: Path) -> Trial:
     """Reads one recording."""
     return Trial(path, motion.load(path), groups_of(path))
-
-
-def load_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Trial]:
-    """Reads all that find_trials finds."""
-    return [load_trial(path) for path in find_trials(paths, numbers)]
 
 
 def groups_of(path: Path) -> tuple[str, ...]:
@@ -203,23 +174,22 @@ def score_at(times_s: FloatArray, estimate: FloatArray, truth: Motion) -> Score:
     )
 
 
-def coverage_at(
-    times_s: FloatArray,
-    estimate: FloatArray,
-    tilt_sigma_deg: FloatArray,
-    heading_sigma_deg: FloatArray,
-    truth: Motion,
-) -> Coverage:
-    """Shares of true errors inside the stated sigmas, which may be NaN; degrees."""
-    moving = counted(times_s, truth)
-    found = errors_at(times_s[moving], estimate[moving], truth)
-    return coverage_of(found, tilt_sigma_deg[moving], heading_sigma_deg[moving])
+def coverage_at(found: Estimate, truth: Motion) -> Coverage:
+    """Shares of true errors inside the stated sigmas."""
+    return coverage_where(counted(found.times_s, truth), found, truth)
+
+
+def coverage_where(rows: BoolArray, found: Estimate, truth: Motion) -> Coverage:
+    """The same of some of the poses."""
+    tilt_sigma_deg, heading_sigma_deg = found.sigmas_deg
+    errors = errors_at(found.times_s[rows], found.quats[rows], truth)
+    return coverage_of(errors, tilt_sigma_deg[rows], heading_sigma_deg[rows])
 
 
 def coverage_of(
     found: Errors, tilt_sigma_deg: FloatArray, heading_sigma_deg: FloatArray
 ) -> Coverage:
-    """The same from the true errors at the poses that count."""
+    """From the true errors at the poses that count; sigmas may be NaN, degrees."""
     is_seen = np.isfinite(found.total)
     shares, nulls, medians = [], [], []
     for error, sigma in (

@@ -79,13 +79,15 @@ def draw_errors(axes: Axes, measured: dict[str, Any]) -> None:
     trials = measured["trials"]
     rows = np.arange(len(trials))[::-1]
     ours, other = (
-        np.array([trial["scores_deg"][name]["total"] for trial in trials])
-        for name in (measured_as(trials[0]["scores_deg"], NANO), VQF)
+        np.array(
+            [scores[measured_as(scores, name)]["total"] for scores in trials.values()]
+        )
+        for name in (NANO, VQF)
     )
     axes.hlines(rows, ours, other, color=LIGHT.faint, lw=2.0, zorder=1)
     axes.scatter(other, rows, s=26, color=LIGHT.other, zorder=2)
     axes.scatter(ours, rows, s=26, color=LIGHT.ours, zorder=3)
-    names = [trial["trial"].replace("_", " ") for trial in trials]
+    names = [name.replace("_", " ") for name in trials]
     axes.set_yticks(rows, names, fontsize=6.5, color=LIGHT.ink)
     axes.set_xlim(0.0, None)
     axes.set_xlabel("orientation error, degrees rms", color=LIGHT.ink)
@@ -132,11 +134,7 @@ def apart(places: Sequence[float], gap: float) -> list[float]:
 def draw_time(figure: Figure, measured: Mapping[str, Any]) -> None:
     """Draw the errors over the time of one recording."""
     trace = measured["trace"]
-    scores = next(
-        trial["scores_deg"]
-        for trial in measured["trials"]
-        if trial["trial"] == trace["trial"]
-    )
+    scores = measured["trials"][trace["trial"]]
     times, moving = np.array(trace["t_s"]), np.array(trace["moving"])
     begun, ended = np.flatnonzero(moving)[[0, -1]]
     times = times[begun : ended + 1] - times[begun]
@@ -148,7 +146,7 @@ def draw_time(figure: Figure, measured: Mapping[str, Any]) -> None:
         engine = measured_as(scores, name)
         if engine not in scores:
             continue
-        errors = trace["errors_deg"][engine]["total"][begun : ended + 1]
+        errors = trace["errors_deg"][engine][begun : ended + 1]
         errors = smoothed(errors, times[1] - times[0])
         ink = getattr(LIGHT, colour)
         is_ours = name == NANO
@@ -195,7 +193,7 @@ def load(name: str, how: str) -> dict[str, Any]:
 
 def draw_of(name: str) -> Callable[[Figure], None]:
     """A function that draws the named picture, with its data loaded."""
-    measured = load("accuracy.json", "`make bench`")
+    measured = load("recordings.json", "`make bench`")["data"]
     if name == "time":
         return partial(draw_time, measured=measured)
     made = sensors.generate(HAND_SECONDS, HAND_SEED)

@@ -16,8 +16,7 @@ from imud.gravity import GRAVITY_M_S2
 from imud.virtual import motion, sensors
 
 OTHERS = {
-    *("vqf", "vqf-basic", "vqf-offline", "ahrs-madgwick", "ahrs-madgwick-.06"),
-    *("ahrs-mahony", "ahrs-mahony-.2", "imufusion"),
+    *("vqf", "vqf-offline", "ahrs-madgwick", "ahrs-mahony", "imufusion"),
 }
 HOUSE = ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
 

@@ -12,6 +12,7 @@ import pytest
 import vqf
 
 from benchmarks.common import scoring
+from benchmarks.common.engines import Estimate
 from imud import rotation
 from imud.virtual import motion, sensors
 
@@ -81,10 +82,12 @@ def test_vqf_scores_on_broad_as_published(
     shared_data: Path, every: int, expected: tuple[float, float, float]
 ) -> None:
     # Trials 13, 19 and 37 come from another source than the published figures.
+    paths = scoring.find_trials([shared_data / "broad"])
+    assert len(paths) == scoring.TRIALS
     trials = [
-        trial
-        for trial in scoring.load_trials([shared_data / "broad"])
-        if trial.name[:2] not in {"13", "19", "37"}
+        scoring.load_trial(path)
+        for path in paths
+        if path.name[:2] not in {"13", "19", "37"}
     ]
     assert len(trials) == 18
     scores = [score_reduced(trial.motion, every) for trial in trials]
@@ -125,9 +128,9 @@ def test_coverage_counts_errors_inside_1_96_sigma_and_nulls_apart() -> None:
     heading_sigma = np.full(100, 5.0)
     heading_sigma[:40] = np.nan
     heading_sigma[40:55] = 0.5
-    found = scoring.coverage_at(
-        times, np.repeat(estimate, 100, axis=0), tilt_sigma, heading_sigma, truth
-    )
+    quats = np.repeat(estimate, 100, axis=0)
+    stated = Estimate(times, quats, tilt_sigma, heading_sigma)
+    found = scoring.coverage_at(stated, truth)
     assert found.tilt == pytest.approx(0.70)
     assert found.tilt_null == 0.0
     assert found.heading == pytest.approx(45 / 60)
@@ -142,7 +145,7 @@ def test_coverage_leaves_out_what_the_optics_did_not_see_or_does_not_move() -> N
     estimate = np.repeat(turned(0.0, 5.0, 0.0), 100, axis=0)
     sigma = np.where(np.arange(100) < 70, 0.1, 10.0)
     times = np.arange(100) / 100.0
-    found = scoring.coverage_at(times, estimate, sigma, sigma, moving)
+    found = scoring.coverage_at(Estimate(times, estimate, sigma, sigma), moving)
     assert found.tilt == pytest.approx(0.5)
 
 
@@ -152,32 +155,9 @@ def test_coverage_where_no_sigma_is_stated_is_unknown_and_spoils_no_mean() -> No
     nothing = np.full(10, np.nan)
     times = np.arange(10) / 100.0
     ones = np.ones(10)
-    unknown = scoring.coverage_at(times, truth.quat, nothing, ones, truth)
+    unknown = scoring.coverage_at(Estimate(times, truth.quat, nothing, ones), truth)
     assert math.isnan(unknown.tilt)
     assert unknown.tilt_null == 1.0
-    known = scoring.coverage_at(times, truth.quat, ones, ones, truth)
+    known = scoring.coverage_at(Estimate(times, truth.quat, ones, ones), truth)
     mean = scoring.Coverage.mean([unknown, known])
     assert mean == scoring.Coverage(1.0, 1.0, 0.5, 0.0, 1.0, 1.0)
-
-
-def test_each_public_trial_is_in_one_fold_and_each_fold_has_all_groups(
-    shared_data: Path,
-) -> None:
-    trials = [
-        scoring.Trial(path, still(2), scoring.groups_of(path))
-        for path in scoring.find_trials([shared_data / "broad"])
-    ]
-    assert len(trials) == scoring.TRIALS
-    for trial in trials:
-        assert sum(trial.is_in(fold) for fold in scoring.FOLDS) == 1
-    for fold in scoring.FOLDS:
-        members = [trial for trial in trials if trial.is_in(fold)]
-        assert len(members) == 7
-        for group in scoring.GROUPS:
-            assert any(trial.is_in(group) for trial in members)
-
-
-def test_another_recording_is_in_no_fold_whatever_its_number() -> None:
-    own = scoring.Trial(Path("07_own.npz"), still(2), ())
-    assert not any(own.is_in(fold) for fold in scoring.FOLDS)
-    assert own.is_in("all")

@@ -38,15 +38,15 @@ def write(folder: Path) -> None:
         "trial": "37_made_up",
         "t_s": [0.1 * index for index in range(100)],
         "moving": [index > 20 for index in range(100)],
-        "errors_deg": {name: {"total": [1.0] * 99 + [None]} for name in names},
+        "errors_deg": {name: [1.0] * 99 + [None] for name in names},
     }
     scores = {name: score for name in names}
     measured = {
         "means_deg": {"all": scores},
-        "trials": [{"trial": "37_made_up", "scores_deg": scores}],
+        "trials": {"37_made_up": scores},
         "trace": trace,
     }
-    (folder / "accuracy.json").write_text(json.dumps(measured))
+    (folder / "recordings.json").write_text(json.dumps({"data": measured}))
 
 
 @pytest.mark.sampled(2)
