@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Runs the programs of `make bench WHAT=...`, one after the other, whether or not the
-one before misses a figure, and keeps what documents cite (kept.py).
-"""
+"""Runs the programs of `make bench WHAT=...`, whether or not one misses a figure."""
 
 from __future__ import annotations
 
@@ -9,7 +7,6 @@ import argparse
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -58,26 +55,22 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "firmware/card.py",
     ),
     "faults": (
-        "what faults of wire, network, log and host cost",
+        "what faults of wire, network, log and host cost; how samples are dated",
         "host/faults.py",
     ),
     "host": (
-        "the daemon: decoding, latency, CPU, memory, clocks; 3 h with faults",
+        "the daemon: latency, CPU, memory; 3 h of frames with faults",
         "host/daemon.py",
-        "host/hot_path.py",
-        "host/clocks.py",
         "host/soak.py",
-        "host/soak.py --hours 1 --keep-mb 100",
-        "host/tested.py clock",
-        "host/tested.py sites",
+        "host/soak.py --limited",
     ),
     "attacks": (
         "an hour of attacks on the daemon, beside its clients",
-        "host/attacks.py --minutes 60",
+        "host/attacks.py",
     ),
     "hosts": (
         "many probes, daemons, routers and consumers: cost, latency, loss",
-        "host/hosts.py --log",
+        "host/hosts.py",
     ),
     "calibration": (
         "how well simulated modules are calibrated; 1,000 verdicts",
@@ -128,16 +121,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     _, *programs = BENCHES[args.what]
     environment = {**os.environ, **ONE_THREAD.get(args.what, {})}
-    since = time.time()
     status = 0
     for program in programs:
         path, *options = program.split()
         words = [sys.executable, str(Path(__file__).parent / path), *options]
         done = subprocess.run(words, env=environment, check=False)
         status = status or done.returncode
-    from benchmarks import kept  # needs what the set-up installs after --check
-
-    kept.keep_all(args.what, since)
     return status
 
 

@@ -55,7 +55,7 @@ GROUPS = {
     "test-long": ("build", "firmware", "micropython", *TESTS),
     "check": ("build", "firmware", "micropython", *TESTS, "check"),
     "coverage": ("build", "firmware", *TESTS, "coverage"),
-    "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
+    "bench": ("build", "firmware", "micropython", *TESTS),
     "release": ("build", "firmware", "release", "site"),
 }
 ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405", "mega": "mega"}  # platformio.ini

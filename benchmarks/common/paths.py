@@ -14,6 +14,6 @@ PICTURES = PROJECT / "docs" / "pictures"
 
 
 def write_results(path: Path, found: Any) -> None:
-    """As JSON, for people and for kept.py."""
+    """As JSON."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(found, indent=1) + "\n", "utf-8")

@@ -17,16 +17,15 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from benchmarks import harness
 from benchmarks.common.images import simulated
-from benchmarks.common.paths import RESULTS, write_results
+from benchmarks.harness import Figure, Report, Table
 from imud.card.disk import opened
 from imud.card.probe_log import find_log
 from imud.cli import main as imud
-from imud.errors import ImudError
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder
 
-OUTPUT = RESULTS / "card.json"
 RATE_HZ = 380
 IDS = {message.name: message.id for message in schema.MESSAGES}
 SAMPLES = (IDS["raw"], IDS["pose"])
@@ -138,50 +137,55 @@ def run(seconds: float, folder: Path) -> dict[str, Any]:
         "card_blocks": seen["card_blocks"],
         "card_busy_worst_us": seen["card_busy_worst_us"],
         "card_bad_crc": seen["card_bad_crc"],
-        "complaints": [
-            seen[f"{who}_complaint"]
-            for who in ("firmware", "sensor", "card")
-            if seen[f"{who}_complaint"]
-        ],
+        "cut_off": sent.kinds[IDS["raw"]] - kept.kinds[IDS["raw"]],
+        "complaints": sum(
+            bool(seen[f"{who}_complaint"]) for who in ("firmware", "sensor", "card")
+        ),
         "asleep": seen["idle"],
     }
 
 
-def judge(figures: dict[str, Any]) -> list[str]:
-    """The requirements that the figures do not meet."""
-    wrong = [
-        f"{figures[key]} {key.replace('_', ' ')}"
-        for key in ("late", "missing_on_wire", "missing_on_card", "card_bad_crc")
-        if figures[key]
+# What the figures may be at most, and how each is named where it is shown.
+SHOWN = {
+    "raw_sent": ("raw messages sent", None),
+    "raw_logged": ("raw messages on the card", None),
+    "pose_sent": ("poses sent", None),
+    "pose_logged": ("poses on the card", None),
+    "equal": ("messages that are equal in each byte", None),
+    "cut_off": ("raw messages of the end that are not on the card", RATE_HZ / 2),
+    "missing_on_wire": ("messages missing on the wire", 0),
+    "missing_on_card": ("messages missing on the card", 0),
+    "late": ("samples late", 0),
+    "card_bad_crc": ("blocks with a bad CRC", 0),
+    "complaints": ("complaints of the modelled chips", 0),
+    "card_busy_worst_us": ("longest write of the card, us", None),
+}
+
+
+def report_of(found: dict[str, Any]) -> Report:
+    """The figures, and those that the project must reach."""
+    columns = {"": "", "10 minutes at 380 Hz": ",d"}
+    rows = [(name, found[key]) for key, (name, _) in SHOWN.items()]
+    figures = [
+        Figure(name, found[key], (0, most), (0, most))
+        for key, (name, most) in SHOWN.items()
+        if most is not None
     ]
-    ended = figures["raw_sent"] - figures["raw_logged"]
-    if ended > RATE_HZ / 2:
-        wrong.append(f"{ended} raw of the wire are not on the card")
-    return wrong + list(figures["complaints"])
+    return Report([Table("log", columns, rows)], figures, found)
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--minutes", type=float, default=MINUTES, help="of logging")
+
+
+def measured(args: argparse.Namespace) -> Report:
+    """Both logs of a run, compared."""
+    with tempfile.TemporaryDirectory() as folder:
+        return report_of(run(60.0 * args.minutes, Path(folder)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="benchmarks/firmware/card.py",
-        description=__doc__,
-        epilog="example: benchmarks/firmware/card.py --minutes 60",
-    )
-    parser.add_argument("--minutes", type=float, default=MINUTES, metavar="N")
-    parser.add_argument("--output", type=Path, default=OUTPUT, metavar="FILE")
-    args = parser.parse_args(arguments)
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            figures = run(60.0 * args.minutes, Path(folder))
-        except (ItDiffers, ImudError, subprocess.CalledProcessError) as error:
-            sys.stderr.write(f"card: {error}\n")
-            return 1
-    for name, value in figures.items():
-        sys.stdout.write(f"{name.replace('_', ' '):24}{value}\n")
-    write_results(args.output, figures)
-    wrong = judge(figures)
-    for line in wrong:
-        sys.stdout.write(f"failed: {line}\n")
-    return 1 if wrong else 0
+    return harness.run("card", __doc__, measured, options, arguments=arguments)
 
 
 if __name__ == "__main__":

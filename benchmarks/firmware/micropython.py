@@ -12,11 +12,13 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common.paths import PROJECT, RESULTS, write_results
+from benchmarks import harness
+from benchmarks.common.paths import PROJECT
+from benchmarks.harness import Figure, Report, Table
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
@@ -24,7 +26,6 @@ from imud.wire.messages import Message, decode, encode
 BUILD = PROJECT / "build" / "micropython"
 MAINS = PROJECT / "tests" / "micropython" / "mains"
 IMAGES = ("fast", "madgwick", "memory", "memory_plain", "pause", "pause_plain")
-RESULT = RESULTS / "micropython.json"
 
 CLOCK_HZ = 168_000_000
 SETTLED = 3  # statuses until all that is sent once is sent
@@ -70,7 +71,7 @@ def run(name: str, seconds: float, *options: str) -> dict[str, Any]:
     }
 
 
-def sizes() -> dict[str, int]:
+def sizes() -> tuple[int, int]:
     """Bytes of the package's bytecode, and of the module in flash."""
     folder = BUILD / "pyboard"
     objects = [
@@ -83,48 +84,71 @@ def sizes() -> dict[str, int]:
     ).stdout.splitlines()[1:]
     text = sum(sum(map(int, line.split()[:2])) for line in lines)
     package = sum(path.stat().st_size for path in BUILD.glob("armv7emsp/probe/*.mpy"))
-    return {"package_mpy": package, "module_objects": text}
+    return package, text
 
 
-def measure(seconds: float) -> dict[str, Any]:
+# Each run: what it is called, its image, and whether all is sent, at which rate.
+KINDS: dict[str, tuple[str, int]] = {
+    "with the module, 100 poses/s": ("micropython", 0),
+    "with the module, all": ("micropython", 380),
+    "with the module, `fast=True`, 100 poses/s": ("fast", 0),
+    "with the module, `fast=True`, all": ("fast", 760),
+    "without it, raw": ("plain", 0),
+    "without it, Madgwick at 95 steps/s": ("madgwick", 0),
+    "without it, Madgwick and raw": ("madgwick", 380),
+}
+WAYS = {"with the module": "", "without it": "_plain"}
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each run")
+
+
+def measured(args: argparse.Namespace) -> Report:
+    """All runs; no sample may be lost in any of them."""
     tool = PROJECT / "tools" / "micropython_build.py"
     mains = [MAINS / f"{name}.py" for name in IMAGES]
     subprocess.run([sys.executable, tool, "pyboard", "plain", *mains], check=True)
-    kinds = {
-        "module, 100 poses/s": ("micropython", ()),
-        "module, all poses and raw": ("micropython", tuple(orders(380))),
-        "module, 760 Hz": ("fast", ()),
-        "module, 760 Hz, all": ("fast", tuple(orders(760))),
-        "without, raw": ("plain", ()),
-        "without, Madgwick": ("madgwick", ()),
-        "without, Madgwick and raw": ("madgwick", tuple(orders(380))),
+    runs = {
+        kind: run(name, args.seconds, *(orders(rate_hz) if rate_hz else ()))
+        for kind, (name, rate_hz) in KINDS.items()
     }
-    result: dict[str, Any] = {"seconds": seconds}
-    for kind, (name, options) in kinds.items():
-        result[kind] = run(name, seconds, *options)
-    for kind, name in (("module", ""), ("without", "_plain")):
-        taken = [supply - 1 for supply in run(f"memory{name}", seconds)["told"]]
-        result[f"{kind}: heap a second, bytes"] = max(taken)
-        result[f"{kind}: longest turn, us"] = max(run(f"pause{name}", seconds)["told"])
-    return result | {"bytes": sizes()}
+    heaps = {
+        kind: max(run(f"memory{name}", args.seconds)["told"]) - 1
+        for kind, name in WAYS.items()
+    }
+    turns_ms = {
+        kind: max(run(f"pause{name}", args.seconds)["told"]) / 1000
+        for kind, name in WAYS.items()
+    }
+    package, module = sizes()
+    memory = [
+        ("heap used by a second of streaming, bytes", *heaps.values()),
+        ("longest pass of the main loop, ms", *turns_ms.values()),
+        ("code of the module and `core/`, kB", module / 1000, None),
+        ("bytecode of the package for armv7emsp, kB", package / 1000, package / 1000),
+    ]
+    figures = [
+        Figure(f"{kind}: lost", each["lost"], (0, 0), (0, 0))
+        for kind, each in runs.items()
+    ]
+    return Report([rates_of(runs), memory_of(memory)], figures, {"runs": runs})
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0, help="of each run")
-    args = parser.parse_args(arguments)
-    result = measure(args.seconds)
-    print(f"{'':28}{'samples/s':>10}{'lost':>6}{'awake':>8}{'instructions':>14}")
-    for kind, row in result.items():
-        if isinstance(row, dict) and "samples_hz" in row:
-            print(
-                f"{kind:28}{row['samples_hz']:10.1f}{row['lost']:6}"
-                f"{row['awake']:8.1%}{row['instructions_a_sample']:14,}"
-            )
-        else:
-            print(f"{kind:40}{row}")
-    write_results(RESULT, result)
+def rates_of(runs: Mapping[str, Mapping[str, Any]]) -> Table:
+    columns = {"": "", "samples/s": ",.0f", "lost": "d", "processor awake": ".1%"}
+    names = ("samples_hz", "lost", "awake", "instructions_a_sample")
+    rows = [(kind, *(each[name] for name in names)) for kind, each in runs.items()]
+    return Table("rates", columns | {"instructions a sample": ",d"}, rows)
+
+
+def memory_of(rows: Sequence[tuple[str, float, float | None]]) -> Table:
+    return Table("memory", {"": ""} | dict.fromkeys(WAYS, ".3g"), rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    return harness.run("micropython", __doc__, measured, options, arguments=arguments)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -12,18 +12,19 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import harness
 from benchmarks.common import capture as captures
 from benchmarks.common import scoring
 from benchmarks.common.capture import Capture
-from benchmarks.common.images import RunFailed, flashed
-from benchmarks.common.paths import PROJECT, RESULTS, write_results
-from imud.errors import ImudError
+from benchmarks.common.images import flashed
+from benchmarks.common.paths import PROJECT
+from benchmarks.harness import Figure, Report, Table
 from imud.rotation import FloatArray
 from imud.virtual import motion, sensors
 from imud.virtual.motion import Motion
@@ -32,7 +33,6 @@ from imud.wire.frame import encode_frame
 
 BOARD = "pico"
 MICROPYTHON = PROJECT / "build" / "pico" / "pico-micropython.elf"
-OUTPUT = RESULTS / "pico.json"
 RATE_HZ = 200
 PERIOD_US = 1e6 / RATE_HZ
 STACK_BYTES = 4096
@@ -109,60 +109,95 @@ def run(hand: Path, *options: str, image: Path | None = None) -> Capture:
     return captures.run(BOARD, hand, words, image=image, pose_rate_hz=RATE_HZ)
 
 
-def show(name: str, found: dict[str, Any]) -> None:
-    words = (
-        f"{key} {value:,.3f}" if isinstance(value, float) else f"{key} {value:,}"
-        for key, value in found.items()
-    )
-    print(f"{name}: {', '.join(words)}", flush=True)
+# The figures of a run, their names and formats.
+SHOWN = {
+    "poses": ("poses compared with the host's", ",d"),
+    "different": ("different ones", ",d"),
+    "late": ("samples late", ",d"),
+    "lost": ("samples or messages lost", ",d"),
+    "cycles_mean": ("cycles a sample, mean", ",.0f"),
+    "cycles_worst": ("cycles of the worst sample", ",d"),
+    "awake": ("processor awake", ".1%"),
+    "stack_free": ("stack never used, bytes", ",d"),
+    "flash": ("flash, bytes", ",d"),
+    "ram": ("RAM with code and stack, bytes", ",d"),
+    "rms_us": ("error of a sample's time, rms, us", ".1f"),
+    "99_us": ("the same, 99th percentile", ".0f"),
+    "tilt_deg": ("error of tilt, rms, degrees", ".2f"),
+    "heading_deg": ("error of heading, rms, degrees", ".2f"),
+}
+# With a data-ready wire, and with the registers polled.
+TABLES = {
+    "wired": {
+        "usb": "C, USB",
+        "uart": "C, UART",
+        "micropython": "MicroPython, USB",
+    },
+    "polled": {
+        "usb": "C, with the wire",
+        "polled": "C, without",
+        "micropython polled": "MicroPython, without",
+    },
+}
 
 
-def measure(seconds: float, seed: int, folder: Path) -> dict[str, Any]:
-    """All runs; each is printed as it ends."""
+def table_of(
+    name: str, heads: Mapping[str, str], found: Mapping[str, Mapping[str, Any]]
+) -> Table:
+    """Runs side by side; without the figures that none of them has."""
+    runs = [found[each] for each in heads]
+    rows = [
+        (words, *(format(run[key], form) if key in run else None for run in runs))
+        for key, (words, form) in SHOWN.items()
+        if any(key in run for run in runs)
+    ]
+    return Table(name, {"": "", **dict.fromkeys(heads.values(), "")}, rows)
+
+
+def report_of(found: Mapping[str, Mapping[str, Any]]) -> Report:
+    """The tables; no pose may differ from the host's."""
+    figures = [
+        Figure(f"{name}: different poses", each["different"], (0, 0), (0, 0))
+        for name, each in found.items()
+    ]
+    tables = [table_of(name, heads, found) for name, heads in TABLES.items()]
+    return Report(tables, figures, found)
+
+
+def measure(seconds: float, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
+    """The figures of all runs."""
     hand = sensors.generate(seconds, seed)
     whole, shorter = folder / "hand.npz", folder / "shorter.npz"
     hand.save(whole)
     motion.load(whole)[: len(hand) // SHORTER].save(shorter)
     _, image = flashed(BOARD)
-    found: dict[str, Any] = {"seconds": seconds}
-
-    def keep(name: str, capture: Capture, **more: float) -> None:
-        found[name] = told(capture) | more
-        show(name, found[name])
-
     usb = run(whole, "--wire", "usb")
-    keep("usb", usb, ram=ram_of(image), **errors_of(usb, hand))
-    keep("uart", run(whole, "--wire", "uart"))
+    uart = run(whole, "--wire", "uart")
     polled = run(whole, "--wire", "usb", "--ready", "none")
-    keep("polled", polled, **times_of(polled, usb), **errors_of(polled, hand))
     wired = run(shorter, "--wire", "usb", image=MICROPYTHON)
-    keep("micropython", wired)
-    polled = run(shorter, "--wire", "usb", "--ready", "none", image=MICROPYTHON)
-    keep("micropython polled", polled, **times_of(polled, wired))
-    return found
+    other = run(shorter, "--wire", "usb", "--ready", "none", image=MICROPYTHON)
+    return {
+        "usb": {**told(usb), "ram": ram_of(image), **errors_of(usb, hand)},
+        "uart": told(uart),
+        "polled": {**told(polled), **times_of(polled, usb), **errors_of(polled, hand)},
+        "micropython": told(wired),
+        "micropython polled": {**told(other), **times_of(other, wired)},
+    }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", metavar="N", type=float, default=60.0)
-    parser.add_argument("--seed", metavar="N", type=int, default=3)
-    parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
-    args = parser.parse_args(argv)
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seconds", type=float, default=60.0, help="of a motion")
+    parser.add_argument("--seed", type=int, default=3)
+
+
+def measured(args: argparse.Namespace) -> Report:
     with tempfile.TemporaryDirectory() as folder:
-        found = measure(args.seconds, args.seed, Path(folder))
-    write_results(args.output, found)
-    differ = [
-        name
-        for name, each in found.items()
-        if isinstance(each, dict) and each["different"]
-    ]
-    for name in differ:
-        print(f"{name}: poses differ from the host's")
-    return 1 if differ else 0
+        return report_of(measure(args.seconds, args.seed, Path(folder)))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    return harness.run("pico", __doc__, measured, options, arguments=arguments)
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except (ImudError, RunFailed) as error:
-        sys.exit(f"pico: {error}")
+    sys.exit(main())

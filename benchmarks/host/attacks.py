@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The cost of attackers for other clients: a daemon with keys, four probes at 200 Hz
 and a subscriber over TLS, first alone, then beside all attacks of ATTACKS at once.
-
-example: python -m benchmarks.host.attacks --minutes 60
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from benchmarks import harness
 from benchmarks.common.load import (
     PATIENCE_S,
     answer_of,
@@ -35,17 +34,16 @@ from benchmarks.common.load import (
     rss_mib,
     wait_for_line,
 )
-from benchmarks.common.paths import RESULTS, write_results
+from benchmarks.harness import Figure, Report, Table, ratio
 from benchmarks.host.live import latency
 from imud.client import Client
 from imud.net import keys
 
-OUTPUT = RESULTS / "attacks.json"
 PROBES = 4
 IDLE = 100  # connections of an attack that are held at a time
 HOLD_S = 5.0
-# A stranger may cost no pose, and may no more than double the 99th percentile.
-P99_RATIO_MAX = 2.0
+ALONE, ATTACKED = "alone", "under attack"
+P99_RATIO = 2.0
 
 Address = tuple[str, int]
 
@@ -190,13 +188,11 @@ def run(seconds: float, folder: Path, *, is_attacked: bool) -> dict[str, Any]:
                 process.kill()
     told = latency(np.load(sent), np.load(heard))
     return {
-        "is_attacked": is_attacked,
         "seconds": seconds,
         **told,
         "lost": told["poses_sent"] - told["poses_heard"],
         "rss_mib": _quarters([each[0] for each in watched]),
         "files": [watched[0][1], max(each[1] for each in watched)],
-        "lines": len((folder / "daemon.txt").read_text().splitlines()),
     }
 
 
@@ -216,30 +212,48 @@ def _guarded(folder: Path, endpoint: str, ports: Sequence[int]) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=5.0, help="of attacks")
-    options = parser.parse_args(arguments)
-    found = []
-    for is_attacked in (False, True):
-        with tempfile.TemporaryDirectory() as folder:
-            seconds = 60.0 * (options.minutes if is_attacked else 1.0)
-            found.append(run(seconds, Path(folder), is_attacked=is_attacked))
-        each = found[-1]
-        sys.stdout.write(
-            f"{'attacked' if is_attacked else 'alone':9} {each['seconds']:6.0f} s: "
-            f"{each['poses_sent']} poses, {each['lost']} lost; "
-            f"median {each['median_us']:.0f} us, p99 {each['p99_us']:.0f} us; "
-            f"{' '.join(f'{mib:.0f}' for mib in each['rss_mib'])} MiB, "
-            f"{each['files'][0]} to {each['files'][1]} files, "
-            f"{each['lines']} lines\n"
+def table_of(runs: Mapping[str, dict[str, Any]]) -> Table:
+    columns = {"": "", "minutes": ".0f", "poses": ",d", "lost": ",d"}
+    columns |= {"median, us": ",.0f", "p99, us": ",.0f"}
+    columns |= {"memory at start, quarters, most, MiB": "", "files": ""}
+    rows = [
+        (
+            *(name, each["seconds"] / 60.0, each["poses_sent"], each["lost"]),
+            *(each["median_us"], each["p99_us"]),
+            ", ".join(f"{mib:.0f}" for mib in each["rss_mib"]),
+            "{} to {}".format(*each["files"]),
         )
-        sys.stdout.flush()
-    write_results(OUTPUT, found)
-    ratio = found[1]["p99_us"] / found[0]["p99_us"]
-    is_good = found[1]["lost"] == 0 and ratio <= P99_RATIO_MAX
-    sys.stdout.write(f"p99 {ratio:.2f} of alone: {'met' if is_good else 'NOT met'}\n")
-    return 0 if is_good else 1
+        for name, each in runs.items()
+    ]
+    return Table("clients", columns, rows)
+
+
+def figures_of(runs: Mapping[str, dict[str, Any]]) -> Iterator[Figure]:
+    """A stranger may cost no pose, and may no more than double the 99th percentile."""
+    alone = runs[ALONE]
+    for name, each in runs.items():
+        if name != ALONE:
+            yield Figure(f"{name}: poses lost", each["lost"], (0, 0), (0, 0))
+            p99s = each["p99_us"], alone["p99_us"]
+            yield ratio(f"{name}: p99 over alone", *p99s, P99_RATIO, P99_RATIO)
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--minutes", type=float, default=60.0, help="of attacks")
+
+
+def measured(args: argparse.Namespace) -> Report:
+    """A minute alone, then under attack."""
+    runs = {}
+    for name, minutes in ((ALONE, min(1.0, args.minutes)), (ATTACKED, args.minutes)):
+        with tempfile.TemporaryDirectory() as folder:
+            is_attacked = name == ATTACKED
+            runs[name] = run(60.0 * minutes, Path(folder), is_attacked=is_attacked)
+    return Report([table_of(runs)], [*figures_of(runs)], runs)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    return harness.run("attacks", __doc__, measured, options, arguments=arguments)
 
 
 if __name__ == "__main__":

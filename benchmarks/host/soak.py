@@ -3,7 +3,7 @@
 the frame with what was truly sent and truly arrived.
 
 Frames go through decoder, ledger, clock, hub and two sinks: a counter, and the log,
-whose complete files are read back and deleted. With --keep-mb the log itself removes
+whose complete files are read back and deleted. With --limited the log itself removes
 them, as told, and how large its folder is stands beside the memory.
 """
 
@@ -14,16 +14,17 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
 
+from benchmarks import harness
 from benchmarks.common.load import rss_mib
-from benchmarks.common.paths import RESULTS, write_results
 from benchmarks.common.source import PERIOD_US, RATE_HZ
+from benchmarks.harness import Figure, Report, Table
 from benchmarks.host.faulty_line import CHUNK, Line
 from imud.daemon.hub import Hub
 from imud.daemon.lane import QUEUE_MAX, Item, Lane
@@ -33,9 +34,8 @@ from imud.probes.record import Record
 from imud.progress import Progress
 from imud.sinks.log import LogSink
 
-OUTPUT = RESULTS / "soak.json"
-LIMITED = RESULTS / "soak-limited.json"  # with --keep-mb
 HOURS = 3.0
+KEEP_MB = 100  # of a log that is limited
 LOG_BYTES = 32 << 20  # bytes of a file
 RSS_POINTS = 10
 
@@ -108,7 +108,7 @@ def log_taken(hub: Hub, probe: str) -> int:
 def soak(
     hours: float, probes: int, seed: int, folder: Path, keep_mb: int = 0
 ) -> dict[str, Any]:
-    """Run this many hours of probes; `ok` in the result: whether everything adds up."""
+    """Run this many hours of probes."""
     lines = [Line(number, seed) for number in range(probes)]
     counting = Counting()
     retention = Retention(bytes=keep_mb * 10**6)
@@ -118,7 +118,6 @@ def soak(
     turns = max(1, round(hours * 3600 * RATE_HZ / CHUNK))
     points: list[dict[str, float]] = []
     progress = Progress("soak", turns)
-    begin_s = time.monotonic()
     try:
         for turn in range(turns):
             now_us = (turn + 1) * CHUNK * PERIOD_US
@@ -152,73 +151,77 @@ def soak(
             sum(hub.dropped(line.source.name).values()) for line in lines
         ),
     }
-    seconds = time.monotonic() - begin_s
     return {
         "hours": hours,
         "seed": seed,
-        "seconds": seconds,
-        "frames_a_second": sum(result["sent"] for result in results) / seconds,
         "probes": results,
         "sinks": adds_up,
         "log": {"files": pruned.files, "bytes": pruned.bytes, "frames": pruned.frames},
         "memory": points,
-        "ok": all(adds_up.values())
-        and all(all(result["adds_up"].values()) for result in results),
     }
 
 
-def tell(result: dict[str, Any]) -> None:
-    """Print a table, and whatever does not add up."""
-    heads = ("sent", "accounted", "received", "lost", "duplicated", "corrupt", "wrong")
-    print(f"{'probe':18}" + "".join(f"{head:>12}" for head in heads))
-    for each in result["probes"]:
-        row = {**each, **{k: v for k, v in each["ledger"].items() if k != "sent"}}
-        print(f"{each['probe']:18}" + "".join(f"{row[head]:12,}" for head in heads))
+def tables_of(result: dict[str, Any]) -> Iterator[Table]:
+    """Each probe's counts beside the true ones; faults, dates, log and memory."""
+    names = ("sent", "accounted", "received", "lost", "duplicated", "corrupt", "wrong")
+    rows = [
+        (each["probe"], *((each | ledger)[name] for name in names))
+        for each in result["probes"]
+        for ledger in [{k: v for k, v in each["ledger"].items() if k != "sent"}]
+    ]
+    yield Table("probes", {"probe": "", **dict.fromkeys(names, ",d")}, rows)
     faults: Counter[str] = Counter()
     for each in result["probes"]:
         faults.update(each["faults"])
-    dated, outside = (
-        sum(each[key] for each in result["probes"])
-        for key in ("dated", "outside_bound")
+    sums = {
+        "hours of frames": result["hours"],
+        **{f"faults: {name}": count for name, count in sorted(faults.items())},
+        "messages with a date": sum(each["dated"] for each in result["probes"]),
+        "dates outside of their bound": sum(
+            each["outside_bound"] for each in result["probes"]
+        ),
+    }
+    if result["log"]["files"]:  # read back, and deleted; a limited log does so itself
+        sums["messages in complete log files"] = result["log"]["frames"]
+    for key, name in (("rss_mib", "memory, MiB"), ("folder_mb", "folder, MB")):
+        values = [point[key] for point in result["memory"]]
+        sums |= {f"{name}: least": min(values), f"{name}: most": max(values)}
+    yield Table("sums", {"": "", "of all probes": ",.0f"}, [*sums.items()])
+
+
+def figures_of(result: dict[str, Any]) -> list[Figure]:
+    """Every count has to add up."""
+    claims = {
+        f"{each['probe']}: {name}": is_so
+        for each in result["probes"]
+        for name, is_so in each["adds_up"].items()
+    } | {f"sinks: {name}": is_so for name, is_so in result["sinks"].items()}
+    wrong = [name for name, is_so in claims.items() if not is_so]
+    detail = ", ".join(wrong)
+    return [Figure("counts that do not add up", len(wrong), (0, 0), (0, 0), detail)]
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--hours", type=float, help=f"of frames: {HOURS:g}, limited 1")
+    parser.add_argument("--probes", type=int, default=4)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--limited", action="store_true", help=f"the log keeps {KEEP_MB} MB"
     )
-    print(f"dated: {dated:,}, {outside:,} of them outside of their bound")
-    print("faults: " + ", ".join(f"{n:,} {name}" for name, n in sorted(faults.items())))
-    log = result["log"]
-    print(
-        f"log: {log['files']} files, {log['bytes']:,} bytes, {log['frames']:,} frames"
-    )
-    rss = ", ".join(f"{point['rss_mib']:.0f}" for point in result["memory"])
-    print(f"resident MiB along the way: {rss}")
-    folder = ", ".join(f"{point['folder_mb']:.0f}" for point in result["memory"])
-    print(f"MB in the folder of the log: {folder}")
-    print(f"{result['frames_a_second']:,.0f} frames/s, {result['seconds']:.0f} s")
-    for each in result["probes"]:
-        for name, is_so in each["adds_up"].items():
-            if not is_so:
-                print(f"{each['probe']}: {name} does not add up: {each}")
-    for name, is_so in result["sinks"].items():
-        if not is_so:
-            print(f"sinks: {name} does not add up")
-    print("all adds up" if result["ok"] else "it does NOT add up")
+
+
+def measured(args: argparse.Namespace) -> Report:
+    hours = args.hours or (1.0 if args.limited else HOURS)
+    keep_mb = KEEP_MB if args.limited else 0
+    with tempfile.TemporaryDirectory() as folder:
+        result = soak(hours, args.probes, args.seed, Path(folder), keep_mb)
+    return Report([*tables_of(result)], figures_of(result), result)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hours", type=float, default=HOURS)
-    parser.add_argument("--probes", type=int, default=4)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep-mb", type=int, default=0, help="of the log; 0: all")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args(arguments)
-    output = options.json or (LIMITED if options.keep_mb else OUTPUT)
-    with tempfile.TemporaryDirectory() as folder:
-        where = Path(folder)
-        hours, probes = options.hours, options.probes
-        result = soak(hours, probes, options.seed, where, options.keep_mb)
-    result["keep_mb"] = options.keep_mb
-    tell(result)
-    write_results(output, result)
-    return 0 if result["ok"] else 1
+    return harness.run(
+        "soak", __doc__, measured, options, variants=["limited"], arguments=arguments
+    )
 
 
 if __name__ == "__main__":

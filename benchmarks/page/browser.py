@@ -10,7 +10,6 @@ import argparse
 import contextlib
 import json
 import multiprocessing
-import shutil
 import signal
 import subprocess
 import sys
@@ -22,16 +21,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
+from benchmarks import harness
 from benchmarks.common.load import cpu_s, feed, free_endpoint, idle_s, rss_mib
-from benchmarks.common.paths import RESULTS, write_results
-from benchmarks.page.desk import ARGUMENTS
+from benchmarks.harness import Report, Table
+from benchmarks.page.desk import chromium
 
-OUTPUT = RESULTS / "page.json"
 PROBES = 8
+VIEWS = ("probe", "signals")
 PATIENCE_S = 30.0
 WARM_UP_S = 7.0  # the picture adapts to the machine meanwhile
 
@@ -53,6 +53,21 @@ WATCH = """() => {
     notes.push([end, end - begin, age]);
   };
 }"""
+
+# A row of the table, and the view's figures in it.
+SHOWN = {
+    "frames a second, median and worst second": (
+        "{frames_hz:.0f}, {worst_frames_hz:.0f}"
+    ),
+    "main thread a frame, median and p95, ms": (
+        "{frame_median_ms:.1f}, {frame_p95_ms:.1f}"
+    ),
+    "from the port to the drawn frame, median and p95, ms": (
+        "{pixel_median_ms:.0f}, {pixel_p95_ms:.0f}"
+    ),
+    "first paint, ms": "{first_paint_ms:.0f}",
+    "size of the page, compressed, kB": "{transfer_kb:.0f}",
+}
 
 
 @contextlib.contextmanager
@@ -111,7 +126,7 @@ def opened(browser: Browser, url: str, view: str) -> tuple[Page, dict[str, float
     )
     return page, {
         "first_paint_ms": page.evaluate(paint),
-        "transfer_bytes": page.evaluate(size),
+        "transfer_kb": page.evaluate(size) / 1000,
     }
 
 
@@ -223,60 +238,48 @@ def cost(pid: int, url: str, browsers: int, seconds: float) -> dict[str, float]:
     return found
 
 
-def tell(found: dict[str, Any]) -> None:
-    for view, row in found["views"].items():
-        print(
-            f"{view:<8} {row['frames_hz']:.0f} frames/s (worst second "
-            f"{row['worst_frames_hz']:.0f}), {row['frame_median_ms']:.1f} ms a frame "
-            f"(p95 {row['frame_p95_ms']:.1f}); port to pixel "
-            f"{row['pixel_median_ms']:.0f} ms (p95 {row['pixel_p95_ms']:.0f}); "
-            f"first paint {row['first_paint_ms']:.0f} ms, "
-            f"{row['transfer_bytes'] / 1000:.0f} kB"
-        )
-    for point in found["memory"]:
-        print(f"heap after {point['minutes']:5.1f} min {point['heap_mib']:8.1f} MiB")
-    base = found["cost"][0]["cpu_core"]
-    for row in found["cost"]:
-        count = int(row["browsers"])
-        each = (row["cpu_core"] - base) / count if count else 0.0
-        print(
-            f"{count:3} browsers: daemon {100 * row['cpu_core']:5.1f} % of a core, "
-            f"{100 * each:.2f} % each; {100 * row['idle_cores']:.0f} % idle, "
-            f"{row['rss_mib']:.0f} MiB"
-        )
+def tables_of(found: dict[str, Any]) -> Iterator[Table]:
+    """What the browser does in each view, its memory, and the daemon's cost."""
+    heads = {"": "", **dict.fromkeys((view.title() for view in found["views"]), "")}
+    rows = [
+        (words, *(form.format(**row) for row in found["views"].values()))
+        for words, form in SHOWN.items()
+    ]
+    yield Table("views", heads, rows)
+    points = [(point["minutes"], point["heap_mib"]) for point in found["memory"]]
+    yield Table("memory", {"minutes of poses": ".0f", "memory, MiB": ".1f"}, points)
+    columns = {"browsers": ".0f", "the daemon's share of a core": ".1%"}
+    columns |= {"cores idle": ".2f", "memory, MiB": ".0f"}
+    yield Table("browsers", columns, [tuple(row.values()) for row in found["cost"]])
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="of each figure")
     parser.add_argument("--minutes", type=float, default=60.0, help="of memory")
     parser.add_argument("--browsers", type=int, nargs="*", default=[0, 1, 8, 32])
-    parser.add_argument("--json", type=Path, default=OUTPUT)
-    options = parser.parse_args(arguments)
-    found: dict[str, Any] = {"seconds": options.seconds, "views": {}, "cost": []}
-    chromium = shutil.which("chromium")
+
+
+def measured(args: argparse.Namespace) -> Report:
+    found: dict[str, Any] = {"views": {}}
     # More than it takes: the probes are ended when all is measured.
-    total_s = 120 + (2 + len(options.browsers)) * (options.seconds + 30)
+    total_s = 120 + (2 + len(args.browsers)) * (args.seconds + 30)
     with (
         tempfile.TemporaryDirectory() as folder,
         daemon(Path(folder), total_s) as (pid, url),
-        sync_playwright() as playwright,
+        chromium() as browser,
     ):
         time.sleep(WARM_UP_S)
-        for count in options.browsers:
-            found["cost"].append(cost(pid, url, count, options.seconds))
-        browser = playwright.chromium.launch(
-            executable_path=chromium, args=[*ARGUMENTS]
-        )
-        for view in ("probe", "signals"):
+        found["cost"] = [cost(pid, url, n, args.seconds) for n in args.browsers]
+        for view in VIEWS:
             page, about = opened(browser, url, view)
             page.wait_for_timeout(1000 * WARM_UP_S)
-            found["views"][view] = drawing(page, options.seconds) | about
-        found["memory"] = memory(page, options.minutes)
-        browser.close()
-    write_results(options.json, found)
-    tell(found)
-    return 0
+            found["views"][view] = drawing(page, args.seconds) | about
+        found["memory"] = memory(page, args.minutes)
+    return Report([*tables_of(found)], data=found)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    return harness.run("page", __doc__, measured, options, arguments=arguments)
 
 
 if __name__ == "__main__":

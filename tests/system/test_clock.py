@@ -2,7 +2,7 @@
 """A virtual probe whose clock is wrong, through the daemon: when its samples were.
 
 The daemon's clock is the emulator's time: where a busy machine holds up the emulator,
-both stand still together. benchmarks/host/tested.py keeps the figures of each run.
+both stand still together. benchmarks/host/faults.py shows the figures of each run.
 """
 
 from __future__ import annotations

@@ -71,29 +71,17 @@ def test_holes_in_the_numbers_are_counted() -> None:
     assert (counts.holes, counts.first, counts.last) == (3, 0, 17)
 
 
-FIGURES: dict[str, Any] = {
-    **dict.fromkeys(("late", "missing_on_wire", "missing_on_card", "card_bad_crc"), 0),
-    "raw_sent": 1000,
-    "raw_logged": 990,
-    "complaints": [],
-}
-
-
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "missed"),
     [
         ({}, []),
-        ({"late": 1}, ["1 late"]),
-        ({"missing_on_card": 2}, ["2 missing on card"]),
-        ({"raw_logged": 700}, ["300 raw of the wire are not on the card"]),
-        ({"complaints": ["CMD24 while busy"]}, ["CMD24 while busy"]),
+        ({"cut_off": 190}, []),
+        ({"late": 1}, ["samples late"]),
+        ({"missing_on_card": 2}, ["messages missing on the card"]),
+        ({"cut_off": 191}, ["raw messages of the end that are not on the card"]),
+        ({"complaints": 1}, ["complaints of the modelled chips"]),
     ],
 )
-def test_the_verdict(change: dict[str, Any], told: list[str]) -> None:
-    assert card.judge(FIGURES | change) == told
-
-
-def test_help_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        card.main(["--help"])
-    assert "example" in capsys.readouterr().out
+def test_the_verdict(change: dict[str, Any], missed: list[str]) -> None:
+    report = card.report_of(dict.fromkeys(card.SHOWN, 0) | change)
+    assert [each.name for each in report.figures if each.verdict == "MISSED"] == missed

@@ -34,3 +34,17 @@ def test_cycles_are_told_of_samples_that_a_pin_shows() -> None:
         found = pico.told(run)
         assert found["awake"] == 0.75
         assert ("cycles_mean" in found) == (samples > 0)
+
+
+def test_a_pose_that_differs_from_the_hosts_is_missed() -> None:
+    names = ("usb", "uart", "polled", "micropython", "micropython polled")
+    found: dict[str, Any] = {
+        name: {"poses": 9, "different": int(name == "uart")} for name in names
+    }
+    report = pico.report_of(found)
+    missed = [each.name for each in report.figures if each.verdict == "MISSED"]
+    assert missed == ["uart: different poses"]
+    assert [*report.tables[0].rows] == [
+        ("poses compared with the host's", "9", "9", "9"),
+        ("different ones", "0", "1", "0"),
+    ]

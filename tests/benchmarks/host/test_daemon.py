@@ -9,11 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.common.source import Source
-from benchmarks.host import daemon, faulty_line, soak
-from benchmarks.host.decoding import PlainDecoder
+from benchmarks.host import attacks, daemon, faulty_line, soak
 from benchmarks.host.live import latency
-from imud.wire.frame import FrameDecoder
 from length import choose
 
 
@@ -34,7 +31,9 @@ def test_minutes_of_faults_add_up_to_the_frame(seed: int, tmp_path: Path) -> Non
         assert all(each["adds_up"].values()), each
         assert each["faults"].keys() == faulty_line.FAULTS.keys()
         assert each["ledger"]["lost"] > 0
-    assert all(result["sinks"].values()), result["sinks"]
+    (figure,) = soak.figures_of(result)
+    assert figure.verdict == "goal", figure.detail
+    assert all(table.text() for table in soak.tables_of(result))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -51,15 +50,9 @@ def test_a_soak_tells_of_a_frame_that_is_not_accounted_for(
 
     monkeypatch.setattr(faulty_line.Line, "_hurt", swallow)
     result = soak.soak(0.001, 1, 1, tmp_path)
-    assert not result["ok"]
-    assert not result["probes"][0]["adds_up"]["heard"]
-
-
-def test_the_decoder_in_python_does_what_the_c_does() -> None:
-    source = Source(3)
-    data = b"".join(source.say(i * 5000) for i in range(300))
-    data = data[:1000] + b"\x07" + data[1000:4000] + data[4050:]
-    assert PlainDecoder().feed(data) == FrameDecoder().feed(data)
+    (figure,) = soak.figures_of(result)
+    assert figure.verdict == "MISSED"
+    assert f"{result['probes'][0]['probe']}: heard" in figure.detail
 
 
 def test_latency_is_of_the_same_pose_at_both_ends() -> None:
@@ -71,8 +64,38 @@ def test_latency_is_of_the_same_pose_at_both_ends() -> None:
     assert (found["poses_sent"], found["poses_heard"]) == (10, 9)
 
 
-def test_a_straight_cost_is_told_from_a_bent_one() -> None:
-    straight = [{"probes": n, "cpu_core": 0.02 + 0.01 * n} for n in (1, 8, 64)]
-    bent = [{"probes": n, "cpu_core": 0.0002 * n * n} for n in (1, 8, 64)]
-    assert daemon.straightness(straight)["worst_miss_core"] < 1e-9
-    assert daemon.straightness(bent)["worst_miss_core"] > 0.02
+RUN = {
+    "probes": 8,
+    "is_relay": False,
+    "poses_sent": 9,
+    "poses_heard": 9,
+    "dropped": 0,
+    "overrun": 0,
+    "median_us": 301.0,
+    "p99_us": 1000.0,
+}
+
+
+def test_a_lost_pose_of_eight_probes_is_missed_and_a_late_one_is_not() -> None:
+    met = [each.verdict for each in daemon.figures_of([RUN])]
+    assert met == ["goal", "must", "goal"]
+    lost = RUN | {"poses_heard": 7, "dropped": 3, "overrun": 1}
+    missed, *_ = daemon.figures_of([lost])
+    assert (missed.value, missed.verdict) == (6, "MISSED")
+
+
+ALONE = {"lost": 0, "p99_us": 1000.0}
+
+
+@pytest.mark.parametrize(
+    ("attacked", "verdicts"),
+    [
+        ({"lost": 0, "p99_us": 2000.0}, ["goal", "goal"]),
+        ({"lost": 1, "p99_us": 2001.0}, ["MISSED", "MISSED"]),
+    ],
+)
+def test_an_attack_that_costs_others_is_judged(
+    attacked: dict[str, Any], verdicts: list[str]
+) -> None:
+    runs = {attacks.ALONE: ALONE, "of three addresses": attacked}
+    assert [each.verdict for each in attacks.figures_of(runs)] == verdicts

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.host import hosts
-from benchmarks.host.hops import counted, delays
+from benchmarks.host.hosts import counted, delays
 
 MS = 1_000_000
 
@@ -77,20 +77,10 @@ def test_delays_are_told_by_hop(tmp_path: Path) -> None:
     assert found["sent_hz"] == pytest.approx(40.0)
 
 
-def test_the_line_is_found(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [
-        {
-            "size": {"daemons": daemons},
-            "sent_hz": float(rate),
-            "lost": 0,
-            "cores": {"daemons": 0.05 * daemons + 60e-6 * rate},
-        }
-        for daemons, rate in ((1, 1000), (1, 8000), (4, 8000), (2, 500))
-    ]
-    fitted = hosts.straightness(rows)
-    assert fitted is not None
-    assert fitted["core_per_daemon"] == pytest.approx(0.05)
-    assert fitted["us_per_message"] == pytest.approx(60.0)
-    assert fitted["worst_share"] < 1e-9
-    assert hosts.straightness(rows[:2]) is None
-    assert not capsys.readouterr().err
+def test_a_loss_that_nothing_explains_is_missed() -> None:
+    row = {"lost": 2, "unexplained": 0, "unheard": 0}
+    found = {each.name: each.verdict for each in hosts.figures_of([row, row])}
+    assert found == {"unexplained": "goal", "unheard": "goal", "lost": "must"}
+    for name in ("unexplained", "unheard"):
+        first, second, _ = hosts.figures_of([row, row | {name: 1}])
+        assert "MISSED" in (first.verdict, second.verdict)
