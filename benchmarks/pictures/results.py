@@ -7,29 +7,24 @@ over the time of one recording.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import NullLocator
 
 from benchmarks.common import boards
 from benchmarks.common.capture import run
 from benchmarks.common.engines import HOST, VQF
-from benchmarks.common.images import RunFailed
 from benchmarks.common.paths import PICTURES, PROJECT, RESULTS
 from benchmarks.pictures.hand import draw_hand
 from benchmarks.pictures.theme import LIGHT, blank, save
-from imud.errors import ImudError
 from imud.rotation import FloatArray
 from imud.virtual import sensors
 
@@ -62,21 +57,8 @@ def undress(axes: Axes) -> None:
         spine.set_visible(False)
 
 
-def set_log(axes: Axes, which: str, ticks: Sequence[float]) -> None:
-    """Make an axis logarithmic, with plain numbers at these ticks."""
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    (axes.set_xscale if which == "x" else axes.set_yscale)("log")
-    axis.set_ticks(ticks)
-    axis.set_minor_formatter(NullFormatter())
-    axis.set_minor_locator(mpl.ticker.NullLocator())
-    axis.set_major_formatter(
-        FuncFormatter(lambda value, _: f"{value:,g}".replace(",", " "))
-    )
-
-
-def draw_errors(axes: Axes, measured: dict[str, Any]) -> None:
+def draw_errors(axes: Axes, trials: Mapping[str, Any]) -> None:
     """Draw a line for each recording, from our error to VQF's."""
-    trials = measured["trials"]
     rows = np.arange(len(trials))[::-1]
     ours, other = (
         np.array(
@@ -88,18 +70,12 @@ def draw_errors(axes: Axes, measured: dict[str, Any]) -> None:
     axes.scatter(other, rows, s=26, color=LIGHT.other, zorder=2)
     axes.scatter(ours, rows, s=26, color=LIGHT.ours, zorder=3)
     names = [name.replace("_", " ") for name in trials]
+    undress(axes)
     axes.set_yticks(rows, names, fontsize=6.5, color=LIGHT.ink)
     axes.set_xlim(0.0, None)
     axes.set_xlabel("orientation error, degrees rms", color=LIGHT.ink)
-    axes.tick_params(colors=LIGHT.ink, length=0)
-    axes.grid(axis="x", color=LIGHT.faint, lw=0.6)
-    axes.set_axisbelow(True)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
     axes.set_title(
-        f"• ATmega328P, fixed point: {ours.mean():.2f}°",
-        color=LIGHT.ours,
-        loc="left",
+        f"• ATmega328P, fixed point: {ours.mean():.2f}°", color=LIGHT.ours, loc="left"
     )
     axes.set_title(
         f"• VQF, doubles: {other.mean():.2f}°", color=LIGHT.other, loc="right"
@@ -140,7 +116,10 @@ def draw_time(figure: Figure, measured: Mapping[str, Any]) -> None:
     times = times[begun : ended + 1] - times[begun]
     axes = figure.subplots()
     undress(axes)
-    set_log(axes, "y", (0.3, 1, 3, 10, 30, 100))
+    axes.set_yscale("log")
+    axes.yaxis.set_ticks((0.3, 1, 3, 10, 30, 100))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter("{x:g}")
     words, levels = [], []
     for name, label, colour in OVER_TIME:
         engine = measured_as(scores, name)
@@ -173,66 +152,32 @@ def draw_time(figure: Figure, measured: Mapping[str, Any]) -> None:
     )
 
 
-def draw_probe_and_errors(
-    figure: Figure, measured: dict[str, Any], made: Any, capture: Any
-) -> None:
-    """Draw the hand on the left and the recordings on the right."""
+def draw_probe(figure: Figure, measured: Mapping[str, Any]) -> None:
+    """Draw the image's poses in a hand, and its error on each recording."""
     left, right = figure.subplots(1, 2)
-    draw_hand(left, made, capture)
-    draw_errors(right, measured)
-
-
-def load(name: str, how: str) -> dict[str, Any]:
-    """Read a benchmark's JSON; raises RunFailed if it is absent."""
-    path = RESULTS / name
-    if not path.exists():
-        raise RunFailed(f"{path.relative_to(PROJECT)} is missing; run {how}")
-    found: dict[str, Any] = json.loads(path.read_text())
-    return found
-
-
-def draw_of(name: str) -> Callable[[Figure], None]:
-    """A function that draws the named picture, with its data loaded."""
-    measured = load("recordings.json", "`make bench`")["data"]
-    if name == "time":
-        return partial(draw_time, measured=measured)
     made = sensors.generate(HAND_SECONDS, HAND_SEED)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hand.npz"
         made.save(path)
-        capture = run(NANO, path)
-    return partial(draw_probe_and_errors, measured=measured, made=made, capture=capture)
+        draw_hand(left, made, run(NANO, path))
+    draw_errors(right, measured["trials"])
 
 
-HEIGHTS = {"probe": 4.2, "time": 3.4}
+PICTURES_OF = {"probe": (4.2, draw_probe), "time": (3.4, draw_time)}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Draw each picture."""
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: benchmarks/pictures/results.py time",
-    )
-    parser.add_argument(
-        "names",
-        metavar="PICTURE",
-        nargs="*",
-        help=f"of {', '.join(HEIGHTS)} (default: all)",
-    )
-    args = parser.parse_args(argv)
-    unknown = [name for name in args.names if name not in HEIGHTS]
-    if unknown:
-        parser.error(f"there is no picture {unknown[0]}")
-    for name in args.names or HEIGHTS:
-        draw = draw_of(name)
-        figure = blank(WIDTH, HEIGHTS[name])
-        draw(figure)
+    path = RESULTS / "recordings.json"
+    if not path.exists():
+        raise SystemExit(f"{path.relative_to(PROJECT)} is missing; run `make bench`")
+    measured = json.loads(path.read_text("utf-8"))["data"]
+    for name, (height, draw) in PICTURES_OF.items():
+        figure = blank(WIDTH, height)
+        draw(figure, measured)
         save(figure, PICTURES / f"{name}.svg")
     return 0
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except (ImudError, RunFailed) as error:
-        sys.exit(f"picture: {error}")
+    sys.exit(main())

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict, dataclass
 from io import StringIO
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
-
-from benchmarks.pictures.lean_svg import lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +62,17 @@ def blank(width: float, height: float) -> Figure:
 def save(figure: Figure, path: Path) -> None:
     """Write a figure of LIGHT as an SVG that shows DARK's colours on a dark page."""
     drawn = StringIO()
-    figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None})
-    dark = dict(zip(asdict(LIGHT).values(), asdict(DARK).values(), strict=True))
+    figure.savefig(drawn, format="svg", facecolor=LIGHT.ground, metadata={"Date": None})
+    # A line an element, where matplotlib writes one for each point, and 1/100 units.
+    svg = re.sub(r"\s*\n(?=[MLCQz\"])", "", drawn.getvalue())
+    svg = re.sub(r"\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}", svg)
+    pairs = zip(asdict(LIGHT).values(), asdict(DARK).values(), strict=True)
+    rules = "".join(
+        f'[style*="{name}: {light}"]{{{name}:{dark} !important}}'
+        for light, dark in pairs
+        for name in ("fill", "stroke")
+    )
+    style = f"<style>@media (prefers-color-scheme:dark){{{rules}}}</style>\n"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(lean(drawn.getvalue(), LIGHT.ground, dark))
+    path.write_text(svg.replace("</defs>", f"{style}</defs>", 1))
     print(path)
