@@ -129,7 +129,8 @@ release: ## builds packages for pip, firmware, lists and sums, of the last commi
 
 site: ## builds the documents as a site with search: build/site/html; fails on broken links
 	@$(PYTHON) tools/setup.py release
-	@python tools/site_pages.py
+	@python -m sphinx -q -W --keep-going -c tools/website -d build/site/doctrees \
+	  . build/site/html/$(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
 
 installed: ## installs the packages of `make release` on bare Debian 12 and 13 (SUITE=trixie)
 	@python tools/installed.py $(SUITE:%=--suite %)
