@@ -11,12 +11,13 @@ import sys
 from collections.abc import Iterator
 from importlib import metadata
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
 MIT = "imu-probe"
 FREE = ("sim",)  # an extra with programs of its own, which are not linked
 GPL = re.compile(r"\bA?GPL|GNU (Affero )?General Public", re.IGNORECASE)
 LESSER = re.compile(r"\bLGPL|Lesser General Public", re.IGNORECASE)
-_NEED = re.compile(r"([A-Za-z0-9._-]+)\s*(?:\[([^\]]*)\])?")
-_EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
 
 
 def main() -> int:
@@ -34,13 +35,12 @@ def bound(package: str) -> Iterator[tuple[str, str]]:
     """Packages under the GPL that it needs, or what these need, and their licences.
     What is not installed here is not looked at.
     """
-    about = metadata.metadata(package)
-    extras = set(about.get_all("Provides-Extra") or ()) - set(FREE)
-    seen: set[str] = set()
-    waiting = [(package, extras)]
+    offered = metadata.metadata(package).get_all("Provides-Extra") or ()
+    waiting = [(package, frozenset(offered) - set(FREE))]
+    seen: set[tuple[str, frozenset[str]]] = set()
     while waiting:
         name, extras = waiting.pop()
-        key = f"{re.sub(r'[-_.]+', '-', name).lower()}{sorted(extras)}"
+        key = canonicalize_name(name), extras
         if key in seen:
             continue
         seen.add(key)
@@ -51,7 +51,10 @@ def bound(package: str) -> Iterator[tuple[str, str]]:
         words = licence(about)
         if GPL.search(LESSER.sub("", words)):
             yield name, words
-        waiting += needs(name, extras)
+        for need in map(Requirement, metadata.requires(name) or ()):
+            chosen = [{"extra": each} for each in ("", *extras)]
+            if need.marker is None or any(map(need.marker.evaluate, chosen)):
+                waiting.append((need.name, frozenset(need.extras)))
 
 
 def licence(about: metadata.PackageMetadata) -> str:
@@ -67,16 +70,6 @@ def licence(about: metadata.PackageMetadata) -> str:
     if not any(told):
         told += [each[:200] for each in about.get_all("License") or []]
     return "; ".join(" ".join(each.split()) for each in told if each)
-
-
-def needs(package: str, extras: set[str]) -> Iterator[tuple[str, set[str]]]:
-    """What a package requires with these extras, and with which extras of that."""
-    for line in metadata.requires(package) or []:
-        extra = _EXTRA.search(line)
-        found = _NEED.match(line)
-        if found is not None and (extra is None or extra[1] in extras):
-            asked = {each.strip() for each in (found[2] or "").split(",")}
-            yield found[1], asked - {""}
 
 
 if __name__ == "__main__":
