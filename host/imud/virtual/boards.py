@@ -80,20 +80,16 @@ NANO = VirtualBoard(
         OtherSensor(LSM6DSOX, PAIR, 208, Path(".pio/build/nano_lsm6dsox/firmware.elf")),
     ),
 )
-MEGA = VirtualBoard(
+MEGA = replace(
+    NANO,  # its emulator looks at the image
     name="mega",
     title="Mega",
     what="an Arduino Mega 2560 with an MPU-9250",
-    sample_rate_hz=200,
-    memory="EEPROM",
     image=Path(".pio/build/mega/firmware.elf"),
-    simulator=Path("build/sim/nano"),  # which looks at the image
     packaged="mega.elf",
     image_variable="IMUD_IMAGE_MEGA",
-    simulator_variable="IMUD_SIM",
-    files=NANO.files,
-    has_battery=False,
     has_ready_wire=True,
+    others=(),
 )
 F405 = VirtualBoard(
     name="f405",
@@ -109,19 +105,15 @@ F405 = VirtualBoard(
     files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
     has_battery=True,
 )
-MICROPYTHON = VirtualBoard(
+MICROPYTHON = replace(
+    F405,
     name="micropython",
     title="MicroPython board",
-    what="an STM32F405 (pyboard) with an LSM9DS0, running MicroPython",
-    sample_rate_hz=380,
-    memory="flash",
+    what=f"{F405.what}, running MicroPython",
     image=Path("build/micropython/pyboard/micropython"),
-    simulator=Path("build/sim/f405"),
     packaged="",
     image_variable="IMUD_IMAGE_MICROPYTHON",
-    simulator_variable="IMUD_SIM_F405",
-    files=("faults", "eeprom", "summary", "profile", "parts"),
-    has_battery=True,
+    files=NANO.files,
 )
 PICO = VirtualBoard(
     name="pico",
