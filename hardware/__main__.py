@@ -15,7 +15,7 @@ from pathlib import Path
 
 from build123d import Mesher, Part, Pos, Rot, export_step, export_stl
 
-from hardware import archive, checks, gauge_checks, gauges, handle, mesh, planted
+from hardware import archive, checks, gauge_checks, gauges, handle, planted
 from hardware.checks import Row
 from hardware.layout import Layout, boards, index_error_deg, wedge_error_deg
 
@@ -87,9 +87,9 @@ def main() -> int:
         rows += gauge_checks.of_gauges(tools)
     _report(rows)
     if args.pictures:
-        from hardware import illustrations
+        from hardware import pictures
 
-        illustrations.draw(handles, pieces)
+        pictures.draw(handles, pieces)
     bad = sum(not row.is_good for row in rows)
     missed = planted.undetected(handles[0]) if handles else []
     if not args.only:
@@ -106,7 +106,7 @@ def main() -> int:
     return int(bad > 0 or bool(missed))
 
 
-def _piece(piece: Piece) -> list[Row]:
+def _piece(piece: Piece) -> Iterator[Row]:
     """Writes the files of a part, and checks it."""
     printed = piece.printed
     path = PLACE / piece.name
@@ -115,7 +115,10 @@ def _piece(piece: Piece) -> list[Row]:
     mesher = Mesher()
     mesher.add_shape(printed, linear_deflection=CHORD_MM, angular_deflection=ANGLE_RAD)
     mesher.write(path.with_suffix(".3mf"))
-    return list(checks.of_part(piece.name, printed, mesh.of(printed)))
+    is_closed = all(mesh.IsManifoldAndOriented() for mesh in mesher.meshes)
+    told = "closed" if is_closed else "open"
+    yield Row(piece.name, "triangles", told, "closed", is_closed)
+    yield from checks.of_part(piece.name, printed)
 
 
 def _report(rows: list[Row]) -> None:

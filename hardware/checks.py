@@ -8,23 +8,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
-import numpy as np
-from build123d import Part
+from build123d import Face, GeomType, Part, Vector
+from OCP.gp import gp_Lin
+from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 
-from hardware import mesh as meshes
 from hardware.layout import Block, Layout, Slab, dimensions
-from hardware.mesh import Mesh
 from hardware.solids import box, post, slanted
 
-RAYS = 3000  # a part: where its walls are measured
-SEED = 1
+GRID = 7  # points along each side of a face, where its wall and slope are measured
 BED_MM = 0.01
 SPECK_MM2 = 0.01  # smaller faces do not matter with a nozzle of 0.4 mm
-# Facets of a cone of 45 degrees are up to a degree off it.
-OVERHANG_SLACK_DEG = 1.0
+OVERHANG_SLACK_DEG = 0.01
 WALL_SLACK_MM = 0.01
+OPPOSITE = -0.7  # at most the cosine between the two sides of a wall
 EMPTY_MM3 = 1e-3
 
 
@@ -37,14 +35,11 @@ class Row:
     is_good: bool
 
 
-def of_part(name: str, part: Part, printed: Mesh) -> Iterator[Row]:
-    """Of a part alone. `printed`: as it lies on the printer's bed."""
-    count, gaps = len(part.solids()), meshes.open_edges(printed)
-    is_closed = part.is_valid and count == 1 and gaps == 0 and printed.volume > 0
-    words = f"{count} solid, {gaps} open edges"
-    yield Row(name, "closed surface", words, "1 solid, 0", is_closed)
-    off = abs(printed.volume / part.volume - 1)
-    yield Row(name, "triangles against solid", f"{off:.4%}", "0.3%", off < 3e-3)
+def of_part(name: str, printed: Part) -> Iterator[Row]:
+    """Of a part alone, as it lies on the printer's bed."""
+    count = len(printed.solids())
+    is_whole = printed.is_valid and count == 1
+    yield Row(name, "closed surface", f"{count} solid", "1 solid", is_whole)
     wall, at = thickness(printed)
     least = dimensions()["process"]["wall_min"]
     is_good = wall >= least - WALL_SLACK_MM
@@ -57,29 +52,62 @@ def of_part(name: str, part: Part, printed: Mesh) -> Iterator[Row]:
     yield Row(name, "overhang", words, f"{most} deg", is_good)
 
 
-def thickness(mesh: Mesh) -> tuple[float, str]:
-    """The least way through the part, straight in from RAYS points of its surface, and
-    where that is.
+def points(face: Face) -> Iterator[tuple[Vector, Vector]]:
+    """Points spread over a face, and the normals there."""
+    shares = [(k + 0.5) / GRID for k in range(GRID)]
+    for u, v in product(shares, shares):
+        point = face.position_at(u, v)
+        if face.is_inside(point):
+            yield point, face.normal_at(u, v)
+
+
+def thickness(part: Part) -> tuple[float, str]:
+    """The least way through the part, straight in from points of its surface to a face
+    that looks the other way, and where that is.
     """
-    points, normals = meshes.samples(mesh, RAYS, SEED)
-    found = meshes.depths(mesh, points - 1e-4 * normals, -normals)
-    least = int(found.argmin())
-    return float(found[least]), _place(points[least])
+    surface = IntCurvesFace_ShapeIntersector()
+    surface.Load(part.wrapped, 1e-6)
+    least, place = math.inf, ""
+    for face in part.faces():
+        for point, normal in points(face):
+            ray = gp_Lin(point.to_pnt(), (-normal).to_dir())
+            surface.PerformNearest(ray, 1e-3, 1e3)
+            if surface.NbPnt() == 0 or surface.WParameter(1) >= least:
+                continue
+            behind = Face(surface.Face(1)).normal_at(Vector(surface.Pnt(1)))
+            if behind.dot(normal) < OPPOSITE:
+                least, place = surface.WParameter(1), _place(point)
+    return least, place
 
 
-def overhang_deg(mesh: Mesh) -> tuple[float, str]:
+def overhang_deg(part: Part) -> tuple[float, str]:
     """The largest angle from upright of a face that looks down and is not on the bed,
     and where that is; 90 is a ceiling.
     """
-    low = mesh.points[:, 2].min()
-    is_on_bed = (mesh.corners[:, :, 2] < low + BED_MM).all(axis=1)
-    down = np.where(is_on_bed | (mesh.areas < SPECK_MM2), 0.0, -mesh.normals[:, 2])
-    worst = int(down.argmax())
-    angle = math.degrees(math.asin(min(max(float(down[worst]), 0.0), 1.0)))
-    return angle, _place(mesh.corners[worst].mean(axis=0))
+    low = part.bounding_box().min.Z
+    worst, place = 0.0, ""
+    for face in part.faces():
+        height = face.bounding_box().max.Z - low
+        if height < BED_MM or face.area < SPECK_MM2:
+            continue
+        for point, normal in points(face):
+            angle = math.degrees(math.asin(max(-1.0, min(1.0, -normal.Z))))
+            if angle > worst:
+                worst, place = angle, _place(point)
+    return worst, place
 
 
-def _place(point: meshes.Floats) -> str:
+def flat_faces(part: Part, direction: Vector, at: float) -> list[Face]:
+    """The flat faces that look there, at this distance from the origin."""
+    return [
+        face
+        for face in part.faces().filter_by(GeomType.PLANE)
+        if face.normal_at().dot(direction) > 0.99
+        and abs(face.center().dot(direction) - at) < 1e-3
+    ]
+
+
+def _place(point: Vector) -> str:
     return " ".join(f"{value:.1f}" for value in point)
 
 
@@ -178,27 +206,27 @@ def _datums(layout: Layout, base: Part, lid: Part) -> Iterator[Row]:
     """The faces that a handle is laid on: flat, square, and nothing stands out."""
     o = layout.outside
     wanted = {
-        "bottom": ((0, 0, -1), [base], -o.z0),
-        "top": ((0, 0, 1), [lid], o.z1),
-        "left": ((0, 1, 0), [base, lid], o.y1),
-        "right": ((0, -1, 0), [base, lid], -o.y0),
-        "back": ((-1, 0, 0), [base, lid], -o.x0),
-        "front": ((1, 0, 0), [base, lid], o.x1),
+        "bottom": (Vector(0, 0, -1), [base], -o.z0),
+        "top": (Vector(0, 0, 1), [lid], o.z1),
+        "left": (Vector(0, 1, 0), [base, lid], o.y1),
+        "right": (Vector(0, -1, 0), [base, lid], -o.y0),
+        "back": (Vector(-1, 0, 0), [base, lid], -o.x0),
+        "front": (Vector(1, 0, 0), [base, lid], o.x1),
     }
     for side, (direction, parts, reach) in wanted.items():
-        worst, farthest, area = 0.0, 0.0, 0.0
-        for part in parts:
-            mesh = meshes.of(part)
-            along = mesh.points @ np.array(direction, dtype=float)
-            farthest = max(farthest, abs(float(along.max()) - reach))
-            on_it = (mesh.corners @ np.array(direction, dtype=float)) > reach - 1e-3
-            faces = on_it.all(axis=1) & (mesh.areas > 1e-6)
-            cosine = np.clip(mesh.normals[faces] @ direction, -1, 1)
-            area += float(mesh.areas[faces].sum())
-            worst = max(worst, math.degrees(math.acos(float(cosine.min()))))
-        words = f"{worst:.3f} deg, {farthest:.4f} mm, {area:.0f} mm2"
-        is_good = worst < 0.01 and farthest < 1e-3 and area > 100
+        faces = [face for part in parts for face in flat_faces(part, direction, reach)]
+        ends = [end for part in parts for end in _ends(part)]
+        out = abs(max(end.dot(direction) for end in ends) - reach)
+        worst = max((f.normal_at().get_angle(direction) for f in faces), default=90.0)
+        area = sum(face.area for face in faces)
+        words = f"{worst:.3f} deg, {out:.4f} mm, {area:.0f} mm2"
+        is_good = worst < 0.01 and out < 1e-3 and area > 100
         yield Row(layout.name, f"{side} face", words, "0.01, 0.001, > 100", is_good)
+
+
+def _ends(part: Part) -> tuple[Vector, Vector]:
+    box = part.bounding_box()
+    return box.min, box.max
 
 
 def _screws(layout: Layout, base: Part, lid: Part, saddle: Part) -> Iterator[Row]:

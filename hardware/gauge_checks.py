@@ -6,11 +6,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-import numpy as np
-from build123d import Part, Pos, Rot
+from build123d import GeomType, Part, Pos, Rot, Vector
 
-from hardware import mesh as meshes
-from hardware.checks import EMPTY_MM3, Row, common
+from hardware.checks import EMPTY_MM3, Row, common, flat_faces
 from hardware.layout import dimensions
 from hardware.solids import post
 
@@ -32,11 +30,11 @@ def _angle(name: str, part: Part, wanted_deg: float) -> Row:
     """Of the face that a handle is laid on, against the lower one. It looks backwards:
     against x.
     """
-    mesh = meshes.of(part)
-    tilt = np.degrees(np.arccos(np.clip(mesh.normals[:, 2], -1, 1)))
-    is_ours = (np.abs(tilt - wanted_deg) < 1) & (mesh.normals[:, 0] < -1e-6)
-    area = float(mesh.areas[is_ours].sum())
-    off = float(np.abs(tilt[is_ours] - wanted_deg).max(initial=0))
+    up, area, off = Vector(0, 0, 1), 0.0, 0.0
+    for face in part.faces().filter_by(GeomType.PLANE):
+        error = abs(face.normal_at().get_angle(up) - wanted_deg)
+        if error < 1 and face.normal_at().X < -1e-6:
+            area, off = area + face.area, max(off, error)
     words = f"{wanted_deg:g} deg, off by {off:.4f}; {area:.0f} mm2"
     is_good = area > FACE_MM2 and off < ANGLE_DEG
     return Row(name, "angle", words, f"{ANGLE_DEG} deg, {FACE_MM2:g} mm2", is_good)
@@ -75,14 +73,12 @@ def _carrier(part: Part) -> Iterator[Row]:
         part, p["ring"], 0, z, p["index"]
     )
     yield Row("carrier", "holes", f"at 0 and {p['ring']:g}", "as in the plate", is_good)
-    mesh = meshes.of(part)
-    for what, axis, at, direction in (
-        ("fence", 1, c["fence_y"], (0, -1, 0)),
-        ("rear stop", 0, c["stop_x"], (1, 0, 0)),
+    for what, at, direction in (
+        ("fence", c["fence_y"], Vector(0, -1, 0)),
+        ("rear stop", c["stop_x"], Vector(1, 0, 0)),
     ):
-        on_it = (np.abs(mesh.corners[:, :, axis] - at) < 1e-4).all(axis=1)
-        faces = on_it & (mesh.normals @ np.array(direction) > 0.99)
-        area = float(mesh.areas[faces].sum())
+        reach = at * (direction.X + direction.Y)
+        area = sum(face.area for face in flat_faces(part, direction, reach))
         words = f"at {at:g}, {area:.0f} mm2"
         yield Row("carrier", what, words, "> 100 mm2", area > 100)
 

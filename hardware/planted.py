@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from build123d import Part, Pos
 
-from hardware import checks, mesh
+from hardware import checks
 from hardware.checks import Row
 from hardware.layout import Block, Layout
 from hardware.solids import box
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 def _thin() -> Iterable[Row]:
     cup = box(Block(0, 0, 0, 20, 20, 10)) - box(Block(0.8, 2, 2, 18, 18, 10))
-    return checks.of_part("cup", cup, mesh.of(cup))
+    return checks.of_part("cup", cup)
 
 
 def _ceiling() -> Iterable[Row]:
     bridge = box(Block(0, 0, 0, 20, 20, 10)) - box(Block(5, -1, 0, 15, 21, 5))
-    return checks.of_part("bridge", bridge, mesh.of(bridge))
+    return checks.of_part("bridge", bridge)
 
 
 def _two() -> Iterable[Row]:
     pair = Part(children=[box(Block(0, 0, 0, 5, 5, 5)), box(Block(9, 0, 0, 14, 5, 5))])
-    return checks.of_part("pair", pair, mesh.of(pair))
+    return checks.of_part("pair", pair)
 
 
 def _moved(of: Set, z: float) -> Iterable[Row]:
