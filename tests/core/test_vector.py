@@ -147,3 +147,16 @@ def test_a_vector_exceeds_a_limit_where_one_component_is_above_it():
         assert lib.vector_exceeds(vector(*above), 100)
     assert lib.vector_exceeds(vector(0, INT32_MIN, 0), INT32_MAX)
     assert not lib.vector_exceeds(vector(-INT32_MAX, 0, INT32_MAX), INT32_MAX)
+
+
+ends = st.integers(-(2**29), 2**29)
+
+
+@given(st.tuples(ends, ends, ends), st.tuples(ends, ends, ends))
+def test_a_cross_product_is_of_rounded_products(a, b):
+    out = vector()
+    lib.vector_cross(vector(*a), vector(*b), out)
+    made = [[(x * y + 2**29) >> 30 for y in b] for x in a]
+    assert (out.x, out.y, out.z) == tuple(
+        made[j][k] - made[k][j] for j, k in ((1, 2), (2, 0), (0, 1))
+    )

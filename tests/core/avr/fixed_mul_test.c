@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Runs firmware/avr/fixed_mul.S over a sequence of factors that test_fixed_mul_avr.py
-// knows too, and prints the outcome: cycles, then hashes of the results.
-#include <avr/io.h>
+// Runs the functions of firmware/avr/fixed_mul.S, or on a host those of its twin
+// core/math/fixed_mul.c, over a sequence of factors and prints hashes of the results;
+// the AVR prints its cycles first.
+#include <inttypes.h>
 #include <stdint.h>
 #include <stdio.h>
 
@@ -20,14 +21,6 @@ static const int32_t edges[] = {
 };
 
 static uint32_t hashes[12];
-
-static int put(char byte, FILE *file) {
-    (void)file;
-    while ((UCSR0A & _BV(UDRE0)) == 0) {
-    }
-    UDR0 = (uint8_t)byte;
-    return 0;
-}
 
 static void mix(uint32_t *hash, uint32_t result) {
     *hash = (*hash << 7 | *hash >> 25) + result;
@@ -129,9 +122,20 @@ static uint32_t draw(uint32_t *state) {
 static void report(uint8_t batch) {
     printf("%u", batch);
     for (uint8_t i = 0; i < sizeof hashes / sizeof hashes[0]; i++) {
-        printf(" %08lx", hashes[i]);
+        printf(" %08" PRIx32, hashes[i]);
     }
     puts("");
+}
+
+#ifdef __AVR__
+#include <avr/io.h>
+
+static int put(char byte, FILE *file) {
+    (void)file;
+    while ((UCSR0A & _BV(UDRE0)) == 0) {
+    }
+    UDR0 = (uint8_t)byte;
+    return 0;
 }
 
 // Cycles of a function of two 32-bit arguments, `ret` included: the low byte of Timer1
@@ -150,17 +154,23 @@ static void report(uint8_t batch) {
         (uint8_t)(after - before - 6);                                                 \
     })
 
-int main(void) {
+static void begin(void) {
     static FILE uart = FDEV_SETUP_STREAM(put, NULL, _FDEV_SETUP_WRITE);
     stdout = &uart;
     TCCR1B = _BV(CS10);
     UCSR0A = _BV(U2X0);
     UCSR0B = _BV(TXEN0);
     UBRR0 = 3;
-
     printf("cycles %u %u %u\n", CYCLES_OF(fixed_mul_q30), CYCLES_OF(fixed_mul_q32),
            CYCLES_OF(fixed_umul_q32));
+}
+#else
+static void begin(void) {
+}
+#endif
 
+int main(void) {
+    begin();
     for (uint8_t i = 0; i < sizeof edges / sizeof edges[0]; i++) {
         for (uint8_t k = 0; k < sizeof edges / sizeof edges[0]; k++) {
             multiply((uint32_t)edges[i], (uint32_t)edges[k]);
@@ -177,6 +187,5 @@ int main(void) {
         report(batch);
     }
     puts("done");
-    for (;;) {
-    }
+    return 0;
 }
