@@ -68,16 +68,18 @@ def any_samples(random: np.random.Generator, count: int) -> desk.Array:
 
 
 def calibration_of(numbers: list[int]) -> Any:
-    """Rows of a matrix and a bias as long as is valid, of any shape."""
+    """Rows of a matrix and a bias of any shape, up to the longest that are valid."""
     out = ffi.new("struct calibration *")
     lib.calibration_clear(out)
     if numbers:
         random = np.random.default_rng(numbers)
         for part in (out.acc, out.gyr, out.mag):
-            shares = random.dirichlet([0.5, 0.5, 0.5], 3) * random.uniform(0, 27852)
+            longest = random.choice([27852, random.uniform(0, 27852)])
+            shares = random.dirichlet([0.5, 0.5, 0.5], 3) * longest
             signed = np.trunc(shares * random.choice([-1, 1], (3, 3))).astype(int)
             part.matrix = signed.tolist()
-            part.bias = random.integers(-(2**28), 2**28 + 1, 3).tolist()
+            bias = random.integers(-(2**28), 2**28 + 1, 3)
+            part.bias = random.choice([bias, 2**28 * np.sign(bias)]).tolist()
     assert lib.calibration_is_valid(out)
     return out
 

@@ -23,7 +23,6 @@ from core.scenes import (
     scene,
     tumble,
 )
-from core.test_fuse_extremes import CALIBRATIONS, wild_samples
 from imud.virtual.stroking import Plan
 from length import examples
 
@@ -283,32 +282,6 @@ def test_whatever_the_measurements_a_unit_quaternion_comes_out(name, seed, is_us
         lib.attitude_set_bias(probe.c, ffi.new("struct vector *", bias))
         if random.random() < 0.2:
             lib.attitude_restart(probe.c)
-
-
-@settings(max_examples=examples(40), deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    calibration=st.sampled_from(range(len(CALIBRATIONS))),
-    gyr_lsb=st.sampled_from([1065264, 1221730]),
-)
-@of_papers
-def test_whatever_the_counts_a_unit_quaternion_comes_out(
-    name, seed, calibration, gyr_lsb
-):
-    random = np.random.default_rng(seed)
-    samples = wild_samples(random, 1000)
-    identity = desk.identity_of(gyr_lsb_nrad_s=gyr_lsb, acc_lsb_nm_s2=7178466)
-    steps = np.full(len(samples), 5000)
-    if random.random() < 0.5:
-        steps = random.choice(INTERVALS_US, len(samples))
-    samples["time_us"] = np.cumsum(steps, dtype=np.uint64) % 2**32
-    constant = ffi.new("struct calibration *", CALIBRATIONS[calibration])
-    tracker = ffi.new("struct pose_tracker *")
-    assert lib.pose_begin(tracker, constant, identity, KINDS[name])
-    poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
-    results = np.zeros(len(samples), np.int32)
-    desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)
-    assert np.abs(desk.norms(poses["q"]) / ONE - 1).max() < 1e-6
 
 
 def test_fuse_itself_is_what_the_other_tests_drive():

@@ -20,19 +20,6 @@ NONE, PRESSED, RELEASED = lib.BUTTON_NONE, lib.BUTTON_PRESSED, lib.BUTTON_RELEAS
 STABLE_US = lib.BUTTON_STABLE_US
 STEP_US = 500
 
-# Contacts as oscilloscopes show them: edges in microseconds after the first touch; the
-# level alternates, beginning with the new one. An odd number of edges ends in it.
-BOUNCE = {
-    "clean": (0,),
-    "tact switch, make, 1 ms": (0, 90, 150, 420, 480, 790, 1010),
-    "tact switch, break, 2 ms": (0, 30, 310, 600, 650, 1300, 1340, 1900, 2020),
-    "lever, make, 6 ms": (0, 800, 1700, 2600, 2650, 3900, 4400, 5600, 6100),
-    "dome, make, 15 ms": (0, 2500, 2600, 5200, 7900, 8000, 12_400, 14_300, 15_000),
-    "dome, break, 20 ms": (0, 700, 5000, 5100, 9800, 15_500, 15_700, 18_000, 20_000),
-    "reed, ringing": tuple(range(0, 3100, 100)),
-    "slow finger, 49 ms": (0, 20_000, 21_000, 40_000, 49_000),
-}
-
 
 class Pin:
     """A level over time, made of edges."""
@@ -62,29 +49,6 @@ def events(
 
 def kinds(happened: list[tuple[int, int]]) -> list[int]:
     return [event for event, _ in happened]
-
-
-@pytest.mark.parametrize("make", BOUNCE, ids=str)
-@pytest.mark.parametrize("release", BOUNCE, ids=str)
-def test_a_click_is_one_press_and_one_release(make, release):
-    pressed_us, released_us = 100_000, 400_000
-    pin = Pin(
-        [pressed_us + edge for edge in BOUNCE[make]]
-        + [released_us + edge for edge in BOUNCE[release]]
-    )
-    happened = events(pin, range(0, 700_000, STEP_US))
-    assert kinds(happened) == [PRESSED, RELEASED]
-    settled = (pressed_us + BOUNCE[make][-1], released_us + BOUNCE[release][-1])
-    for (_, time_us), settled_us in zip(happened, settled, strict=True):
-        assert settled_us + STABLE_US <= time_us <= settled_us + STABLE_US + 2 * STEP_US
-
-
-@pytest.mark.parametrize("is_down", [False, True])
-@pytest.mark.parametrize("bounce", BOUNCE, ids=str)
-def test_bounce_that_ends_where_it_began_is_nothing(bounce, is_down):
-    edges = [200_000 + edge for edge in (*BOUNCE[bounce], 49_400)]
-    happened = events(Pin(edges, is_down), range(0, 600_000, STEP_US))
-    assert kinds(happened) == ([PRESSED] if is_down else [])
 
 
 @pytest.mark.parametrize(("length_us", "counts"), [(49_999, False), (50_000, True)])

@@ -30,30 +30,6 @@ def rows_of(values: Array) -> object:
     return ffi.new("struct vector[3]", desk.rounded(values * ONE).tolist())
 
 
-@pytest.mark.parametrize("q", QUATS[:60], ids=lambda q: str(np.round(q, 2)))
-def test_axes_are_the_rows_of_the_matrix(q):
-    rows = ffi.new("struct vector[3]")
-    # At the ends of the norms that are taken.
-    for norm in (1 - 1e-6, 1, 1 + 1e-6):
-        lib.quat_to_rows(quat(q * norm), rows)
-        found = np.array([[row.x, row.y, row.z] for row in rows]) / ONE
-        assert np.abs(found - matrix_of(q)).max() < 5e-6
-    lib.quat_to_rows(quat(q), rows)
-    found = np.array([[row.x, row.y, row.z] for row in rows]) / ONE
-    assert np.abs(found - matrix_of(q)).max() < 2e-8
-
-
-def test_a_quaternion_comes_back_from_its_rows_whichever_part_is_largest():
-    out = ffi.new("struct quat *")
-    largest = set()
-    for q in QUATS:
-        lib.quat_from_rows(rows_of(matrix_of(q)), out)
-        assert desk.apart_deg(numbers(out), q) < 1e-5
-        assert abs(np.linalg.norm(numbers(out)) - 1) < 1e-7
-        largest.add(int(np.argmax(np.abs(q))))
-    assert largest == {0, 1, 2, 3}
-
-
 def test_rows_that_are_off_by_a_tenth_still_give_a_unit_quaternion():
     out = ffi.new("struct quat *")
     for q in QUATS:

@@ -192,19 +192,3 @@ def test_an_x_axis_that_points_straight_up_or_down_has_no_heading_to_turn_away()
     )
     away = desk.mapped(lib.loop_to_no_heading, straight, width=4)
     assert away.tolist() == [[2**30, 0, 0, 0]] * 2
-
-
-def test_rows_become_their_quaternion_whichever_part_is_the_largest():
-    """Also where one part alone is far from 0, and two are the same: each branch takes
-    a part whose square is at least a quarter.
-    """
-    near = [row + 1e-3 * other for row in AXES for other in AXES]
-    pairs = [a + b for a in AXES for b in AXES if abs(a @ b) < 0.5]
-    made = np.array([*AXES, *near, *pairs, *(units(9)[:2000] / ONE)])
-    made /= np.linalg.norm(made, axis=1)[:, None]
-    rows, back = ffi.new("struct vector[3]"), quat()
-    for wanted in made:
-        lib.quat_to_rows(quat(*np.trunc(wanted * 0.999999 * ONE).astype(int)), rows)
-        lib.quat_from_rows(rows, back)
-        found = np.array(numbers(back)) / ONE
-        assert min(np.abs(found - wanted).max(), np.abs(found + wanted).max()) < 3e-6
