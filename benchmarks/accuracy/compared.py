@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -37,6 +37,9 @@ class Outcome:
 
     def __str__(self) -> str:
         return f"{self.group} {self.seed}"
+
+    def with_first(self, first: Coverage) -> Outcome:
+        return replace(self, first=first)
 
     @property
     def is_worse(self) -> bool:

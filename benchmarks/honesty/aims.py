@@ -6,15 +6,14 @@ corrects by the error that is shown until that is small, or stops a little besid
 aim is green while the shown error and two sigma of it are within the tolerance of 2
 degrees. Printed by the age of the origin: how often it was green while the true error
 was beyond the tolerance, and how many of the aims that were truly on target got green
-within 10 s. Writes build/benchmarks/honesty-aims.json.
-example: python -m benchmarks.honesty.aims --quick
+within 10 s.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -22,18 +21,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy import report
+from benchmarks import harness
 from benchmarks.common import engines
 from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, Estimate
 from benchmarks.common.feed import sampled
-from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import write_results
-from benchmarks.honesty.arguments import output_of, parser_of
+from benchmarks.harness import Figure, Report, Table
 from benchmarks.honesty.since_origin import (
     known_params,
     published,
-    thinned,
     wrong_of,
 )
 from imud import rotation
@@ -43,13 +39,13 @@ from imud.rotation import FloatArray
 from imud.virtual.motion import Motion
 from imud.virtual.motions import aiming
 
-ROOMS = {"room": aiming.ROOM_UT_M, "uneven room": 4.0 * aiming.ROOM_UT_M}
+ROOMS = {"3 µT/m": aiming.ROOM_UT_M, "12 µT/m": 4.0 * aiming.ROOM_UT_M}
 HOLDS_S = (8.0, 12.0)
 SECONDS = 200.0
 FIRST_S = 30.0
 EVERY = 10  # poses: 20 a second
 TOLERANCE_DEG = 2.0
-MISSES_DEG = {"by what is shown": 0.3, "a little beside": 1.2}  # rms of an axis
+MISSES_DEG = {"corrects": 0.3, "stops beside": 1.2}  # rms of an axis
 STEADY_DPS = 3.0  # it holds still below this rate
 GREEN_S = 10.0
 YOUNG_S = 30.0
@@ -164,6 +160,14 @@ def judged(
     )
 
 
+def thinned(found: Estimate, every: int) -> Estimate:
+    """Every so manieth pose, as at a lower rate."""
+    tilt, heading = found.sigmas_deg
+    return Estimate(
+        *(found.times_s[::every], found.quats[::every]), tilt[::every], heading[::every]
+    )
+
+
 def measure(run: tuple[str, int], board: str) -> list[Aimed]:
     """All aims of a motion in a room with a seed."""
     room, seed = run
@@ -174,93 +178,77 @@ def measure(run: tuple[str, int], board: str) -> list[Aimed]:
     return [*aims_of(thinned(found, EVERY), motion, params, room, random)]
 
 
-def line_of(aims: Sequence[Aimed]) -> dict[str, float]:
+def row_of(aims: Sequence[Aimed]) -> dict[str, Any]:
+    """Counts and percentages, as COLUMNS name them."""
     green = sum(each.green for each in aims)
     true = [each for each in aims if each.is_true]
     return {
         "aims": len(aims),
-        "green_share": green / max(1, sum(each.poses for each in aims)),
-        "false_green_share": sum(each.false_green for each in aims) / max(1, green),
-        "on_target": len(true),
-        "reached_share": sum(each.is_reached for each in true) / max(1, len(true)),
+        "green": 100.0 * green / max(1, sum(each.poses for each in aims)),
+        "false": 100.0 * sum(each.false_green for each in aims) / max(1, green),
+        "on target": len(true),
+        "reached": 100.0 * sum(each.is_reached for each in true) / max(1, len(true)),
     }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = parser_of(
-        __doc__, "python -m benchmarks.honesty.aims --quick", [*ROOMS], seeds=16, few=2
-    )
-    args = parser.parse_args(argv)
-    sets: dict[str, dict[str, object]] = {}
-    figures: list[Figure] = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for kind in args.sets:
-            seeds = range(SETS[kind], 2 * args.seeds, 2)
-            runs = [(room, seed) for room in args.groups for seed in seeds]
-            found = pool.map(partial(measure, board=args.board), runs)
-            aims = [each for all_ in found for each in all_]
-            print(f"\n{kind}: {len(aims)} aims")
-            sets[kind] = line_of(aims) | shown(aims)
-            figures += figures_of(aims, kind)
-    output = output_of(args, "aims")
-    write_results(output, {"seeds": args.seeds, "sets": sets})
-    report.print_figures(figures, is_judged=True)
-    return int(any(each.verdict == "MISSED" for each in figures))
+COLUMNS = {
+    "room": ("room", ""),
+    "the hand": ("miss", ""),
+    "origin set before": ("age", ""),
+    "aims": ("aims", "d"),
+    "poses green, %": ("green", ".1f"),
+    "of them truly beyond, %": ("false", ".2f"),
+    "truly on target": ("on target", "d"),
+    "of them green in 10 s, %": ("reached", ".1f"),
+}
 
 
-def shown(aims: Sequence[Aimed]) -> dict[str, object]:
-    """Print and return lines by room, by what the hand does, by the origin's age."""
-    print(
-        f"{'':14}{'the hand':18}{'origin':>9}{'aims':>6}{'green':>8}"
-        f"{'beyond':>9}{'on target':>11}{'green in 10 s':>15}"
-    )
-    found: dict[str, object] = {}
+def rows_of(aims: Sequence[Aimed]) -> Iterator[dict[str, Any]]:
+    """By room, by what the hand does, by the origin's age."""
     ages = [*zip((0.0, *AGES_S), AGES_S, strict=False), (0.0, AGES_S[-1])]
-    for room, miss in product(ROOMS, MISSES_DEG):
-        lines: dict[str, dict[str, float]] = {}
-        for low, high in ages:
-            mine = [
-                each
-                for each in aims
-                if (each.room, each.miss) == (room, miss) and low <= each.age_s < high
-            ]
-            if not mine:
-                continue
-            line = lines[f"{low:.0f}-{high:.0f} s"] = line_of(mine)
-            print(
-                f"{room:14}{miss:18}{low:3.0f}-{high:3.0f} s{line['aims']:6.0f}"
-                f"{100.0 * line['green_share']:6.1f} %"
-                f"{100.0 * line['false_green_share']:7.2f} %"
-                f"{line['on_target']:11.0f}{100.0 * line['reached_share']:13.1f} %"
-            )
-        found[f"{room}, {miss}"] = lines
-    return found
+    for room, miss, (low, high) in product(ROOMS, MISSES_DEG, ages):
+        mine = [
+            each
+            for each in aims
+            if (each.room, each.miss) == (room, miss) and low <= each.age_s < high
+        ]
+        if mine:
+            of = {"room": room, "miss": miss, "age": f"{low:.0f} to {high:.0f} s"}
+            yield of | row_of(mine)
 
 
-def figures_of(aims: Sequence[Aimed], kind: str) -> Iterator[Figure]:
+def figures_of(aims: Sequence[Aimed]) -> Iterator[Figure]:
     """The limits."""
-    whole = line_of(aims)
-    by_what_is_shown = next(iter(MISSES_DEG))
+    usual = next(iter(ROOMS)), next(iter(MISSES_DEG))
     young = [
         each
         for each in aims
-        if each.age_s < YOUNG_S
-        and each.miss == by_what_is_shown
-        and each.room == "room"
+        if each.age_s < YOUNG_S and (each.room, each.miss) == usual
     ]
-    yield Figure(
-        f"{kind}: green beyond the tolerance, %",
-        100.0 * whole["false_green_share"],
-        must=(0.0, 0.1),
-        goal=(0.0, 0.02),
-    )
-    yield Figure(
-        f"{kind}: green within 10 s, origin younger than 30 s, %",
-        100.0 * line_of(young)["reached_share"],
-        must=(90.0, 100.0),
-        goal=(95.0, 100.0),
-    )
+    for name, value, must, goal in (
+        ("green beyond the tolerance, %", row_of(aims)["false"], (0, 0.1), (0, 0.02)),
+        (
+            "green within 10 s, origin younger than 30 s, %",
+            *(row_of(young)["reached"], (90, 100), (95, 100)),
+        ),
+    ):
+        yield Figure(name, value, must, goal, f"{len(aims)} aims")
 
+
+def measured(args: argparse.Namespace) -> Report:
+    runs = [*product(args.groups, harness.seeds_of(args))]
+    task = partial(measure, board=args.board)
+    found = harness.each(task, runs, args.jobs, "motions")
+    aims = [each for all_ in found for each in all_]
+    return Report([Table.of("aims", COLUMNS, rows_of(aims))], [*figures_of(aims)])
+
+
+main = partial(
+    harness.run,
+    *("aims", __doc__, measured),
+    harness.options(seeds=16, groups=ROOMS, boards=BOARDS, jobs=2),
+    variants=["board"],
+)
 
 if __name__ == "__main__":
     sys.exit(main())

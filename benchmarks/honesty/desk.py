@@ -2,9 +2,8 @@
 """The stated errors of poses where a desk misleads a probe: magnets on it, steel
 and mains near it, slow turns at power-on, cold, and sensors that have died.
 
-Prints a line a case, from the firmware's C on this machine, and writes
-build/benchmarks/honesty-desk.json. Even seeds are for tuning, odd ones for judging.
-docs/honesty.md explains the columns.
+The poses are those of the firmware's C on this machine; docs/honesty.md explains the
+columns.
 """
 
 from __future__ import annotations
@@ -12,21 +11,19 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from benchmarks.accuracy import report
-from benchmarks.common import engines, jobs, scoring
+from benchmarks import harness
+from benchmarks.common import engines, scoring
 from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST
 from benchmarks.common.feed import sampled
-from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import write_results
-from benchmarks.honesty.arguments import output_of, parser_of
+from benchmarks.harness import Figure, Report, Table
 from benchmarks.honesty.cases import CASES, GROUPS, Case
 from benchmarks.honesty.stated import Stated
 
-SEEDS = 8  # of each set
 MUST, GOAL = 90.0, 95.0
 
 
@@ -39,9 +36,31 @@ class Line:
     tilt: Stated
     worst: float  # the least honest share of a seed, tilt or heading
 
-    @property
-    def honest(self) -> float:
-        return min(self.heading.honest, self.tilt.honest)
+    def row(self) -> dict[str, Any]:
+        """As COLUMNS name it."""
+        row: dict[str, Any] = {"case": self.case, "worst": 100.0 * self.worst}
+        for kind, each in (("heading", self.heading), ("tilt", self.tilt)):
+            row |= {
+                kind: each.true_deg,
+                f"{kind} stated": each.stated_deg,
+                f"{kind} withheld": 100.0 * each.withheld,
+                f"{kind} honest": 100.0 * each.honest,
+            }
+        return row
+
+
+COLUMNS = {
+    "case": ("case", ""),
+    "heading: true": ("heading", ".1f"),
+    "stated": ("heading stated", ".1f"),
+    "withheld, %": ("heading withheld", ".0f"),
+    "honest, %": ("heading honest", ".0f"),
+    "tilt: true": ("tilt", ".2f"),
+    "tilt: stated": ("tilt stated", ".2f"),
+    "tilt: withheld, %": ("tilt withheld", ".0f"),
+    "tilt: honest, %": ("tilt honest", ".0f"),
+    "worst seed, %": ("worst", ".0f"),
+}
 
 
 def measure(run: tuple[int, int], board: str) -> tuple[Stated, Stated]:
@@ -50,13 +69,12 @@ def measure(run: tuple[int, int], board: str) -> tuple[Stated, Stated]:
     case = CASES[index]
     motion = case.made(seed)
     found = engines.ENGINES[HOST](sampled(motion, BOARDS[board].chip, case.params))
-    assert found.tilt_sigma_deg is not None
-    assert found.heading_sigma_deg is not None
+    tilt_sigma_deg, heading_sigma_deg = found.sigmas_deg
     errors = scoring.errors_at(found.times_s, found.quats, motion)
     keep = found.times_s > case.from_s
     return (
-        Stated.of(errors.heading[keep], found.heading_sigma_deg[keep]),
-        Stated.of(errors.inclination[keep], found.tilt_sigma_deg[keep]),
+        Stated.of(errors.heading[keep], heading_sigma_deg[keep]),
+        Stated.of(errors.inclination[keep], tilt_sigma_deg[keep]),
     )
 
 
@@ -67,75 +85,38 @@ def line_of(case: Case, runs: Sequence[tuple[Stated, Stated]]) -> Line:
     return Line(str(case), Stated.mean(headings), Stated.mean(tilts), worst)
 
 
-HEADS = (
-    *("heading true", "stated", "withheld", "honest %", "tilt true", "stated"),
-    *("withheld", "honest %", "worst seed", "verdict"),
-)
-
-
-def cells(line: Line) -> list[str]:
-    """A row of the table, as HEADS name it."""
-    found = []
-    for each in (line.heading, line.tilt):
-        found += [f"{each.true_deg:.2f}", f"{each.stated_deg:.2f}"]
-        found += [f"{100.0 * each.withheld:.0f} %", f"{100.0 * each.honest:.1f}"]
-    return [*found, f"{100.0 * line.worst:.0f}", figure(line.case, line.honest).verdict]
-
-
-def figure(name: str, share: float, detail: str = "") -> Figure:
-    """A share that must be inside the stated 95 % or withheld."""
-    return Figure(name, 100.0 * share, (MUST, 100.0), (GOAL, 100.0), detail)
-
-
 def figures(lines: Sequence[Line]) -> Iterator[Figure]:
     """The required figures: the worst line of each kind."""
     for kind in ("heading", "tilt"):
-        shares = {line.case: getattr(line, kind).honest for line in lines}
+        shares = {line.case: 100.0 * getattr(line, kind).honest for line in lines}
         worst = min(shares, key=lambda name: shares[name])
-        short = sum(100.0 * share < MUST for share in shares.values())
-        detail = f"{worst}; {short} of {len(lines)} lines miss it"
-        name = f"{kind} inside 95 % or withheld, %, worst line"
-        yield figure(name, shares[worst], detail)
+        short = sum(share < MUST for share in shares.values())
+        yield Figure(
+            f"{kind} inside 95 % or withheld, %, worst line",
+            *(shares[worst], (MUST, 100.0), (GOAL, 100.0)),
+            f"{worst}; {short} of {len(lines)} lines miss it",
+        )
 
 
-def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line."""
-    example = "example: benchmarks/honesty/desk.py --groups mains"
-    parser = parser_of(__doc__, example, GROUPS, seeds=SEEDS, few=2)
-    args = parser.parse_args(argv)
-    args.output = output_of(args, "desk")
-    return args
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the tables and write the JSON; return 1 if a required figure is missed."""
-    args = parse(argv)
+def measured(args: argparse.Namespace) -> Report:
     wanted = [at for at, case in enumerate(CASES) if case.group in args.groups]
-    seeds = {
-        which: [SETS[which] + 2 * number for number in range(1, args.seeds + 1)]
-        for which in args.sets
-    }
+    seeds = harness.seeds_of(args, first=2)
     # All cases of a seed in turn: they share its hand.
-    work = [(at, seed) for each in seeds.values() for seed in each for at in wanted]
+    work = [(at, seed) for seed in seeds for at in wanted]
     task = partial(measure, board=args.board)
-    done = dict(zip(work, jobs.each(task, work, args.jobs, "runs"), strict=True))
-    document, missed = {}, 0
-    for which, each in seeds.items():
-        lines = [line_of(CASES[at], [done[at, seed] for seed in each]) for at in wanted]
-        title = f"{which}, {args.board}: degrees, {len(each)} seeds a line"
-        report.print_table(title, HEADS, {line.case: cells(line) for line in lines})
-        found = list(figures(lines))
-        report.print_figures(found, is_judged=True)
-        if which == "judging":
-            missed = sum(one.verdict == "MISSED" for one in found)
-        document[which] = {
-            "lines": [asdict(line) for line in lines],
-            "figures": [asdict(one) | {"verdict": one.verdict} for one in found],
-        }
-    write_results(args.output, report.plain(document))
-    print(f"\n{missed} figures are outside their limits" if missed else "")
-    return 1 if missed else 0
+    runs = harness.each(task, work, args.jobs, "runs")
+    done = dict(zip(work, runs, strict=True))
+    lines = [line_of(CASES[at], [done[at, seed] for seed in seeds]) for at in wanted]
+    table = Table.of("cases", COLUMNS, [line.row() for line in lines])
+    return Report([table], [*figures(lines)])
 
+
+main = partial(
+    harness.run,
+    *("honesty-desk", __doc__, measured),
+    harness.options(seeds=8, groups=GROUPS, boards=BOARDS, jobs=2),
+    variants=["board"],
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,9 +4,7 @@ that lies still, and of one that a hand aims with.
 
 Every few seconds of a simulated motion is an origin (or of a recording, with
 --recordings). At some times after each the change of the true error is compared with
-the stated one. Prints a line for each time, and writes
-build/benchmarks/honesty-since-origin.json, or with -recordings and the board in its
-name. docs/since-origin.md explains the equations.
+the stated one.
 """
 
 from __future__ import annotations
@@ -14,8 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -23,14 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy import report
+from benchmarks import harness
 from benchmarks.common import engines, scoring
-from benchmarks.common.boards import BOARDS, NANO
+from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, Estimate
 from benchmarks.common.feed import sampled
-from benchmarks.common.figure import SETS, Figure, degrees
-from benchmarks.common.paths import RECORDINGS, RESULTS, write_results
+from benchmarks.common.paths import RECORDINGS
 from benchmarks.common.scoring import SIGMAS
+from benchmarks.harness import Figure, Report, Table, degrees
 from imud import rotation
 from imud.params.trusted import CALIBRATED, known_to
 from imud.params.value import Params
@@ -39,7 +36,6 @@ from imud.rotation import FloatArray
 from imud.virtual.motion import Motion
 from imud.virtual.motions import aiming
 
-SEEDS = 16  # of each set
 AFTER_S = (1.0, 10.0, 30.0, 60.0, 120.0, 240.0)
 FIRST_S = 30.0  # the first origin: all motions have begun
 RECORDED_S = 15.0  # the same of recordings
@@ -103,11 +99,8 @@ def wrong_of(found: Estimate, truth: Motion) -> FloatArray:
 
 def published(found: Estimate) -> Iterator[dict[str, Any]]:
     """The poses as a daemon publishes them, as far as their errors go."""
-    assert found.heading_sigma_deg is not None
-    assert found.tilt_sigma_deg is not None
-    sigmas = zip(found.heading_sigma_deg, found.tilt_sigma_deg, strict=True)
-    for number, pair in enumerate(sigmas):
-        heading, tilt = (float(s) if np.isfinite(s) else None for s in pair)
+    for number, pair in enumerate(zip(*found.sigmas_deg, strict=True)):
+        tilt, heading = (float(s) if np.isfinite(s) else None for s in pair)
         yield {
             "number": number,
             "q": tuple(found.quats[number].tolist()),
@@ -163,34 +156,22 @@ def apart(wrong: FloatArray, before: FloatArray) -> tuple[float, float]:
     return float(np.degrees(heading)), float(np.degrees(tilt))
 
 
-def thinned(found: Estimate, every: int) -> Estimate:
-    """Every so manieth pose, as at a lower rate."""
-    assert found.heading_sigma_deg is not None
-    assert found.tilt_sigma_deg is not None
-    return Estimate(
-        found.times_s[::every],
-        found.quats[::every],
-        found.tilt_sigma_deg[::every],
-        found.heading_sigma_deg[::every],
-    )
-
-
-def measure(run: tuple[str, int], board: str, every: int) -> tuple[str, list[Pair]]:
+def measure(run: tuple[str, int], board: str) -> tuple[str, list[Pair]]:
     """All pairs of a motion with a seed."""
     name, seed = run
     motion = aiming.MOTIONS[name](seed)
     params = known_params()
     found = engines.ENGINES[HOST](sampled(motion, BOARDS[board].chip, params))
     step_s = (motion.seconds - FIRST_S) / ORIGINS
-    return name, [*pairs_of(thinned(found, every), motion, params, step_s)]
+    return name, [*pairs_of(found, motion, params, step_s)]
 
 
-def measure_recording(path: Path, board: str, every: int) -> tuple[str, list[Pair]]:
+def measure_recording(path: Path, board: str) -> tuple[str, list[Pair]]:
     """The same of a recording with optical truth, whose gyroscope is not calibrated."""
     motion = scoring.load_trial(path).motion
     found = engines.ENGINES[HOST](sampled(motion, BOARDS[board].chip, CALIBRATED))
     step_s = (motion.seconds - RECORDED_S) / ORIGINS
-    pairs = pairs_of(thinned(found, every), motion, CALIBRATED, step_s, RECORDED_S)
+    pairs = pairs_of(found, motion, CALIBRATED, step_s, RECORDED_S)
     return RECORDED, [pair for pair in pairs if np.isfinite(pair.heading)]
 
 
@@ -228,77 +209,59 @@ def figures(lines: Sequence[Line]) -> Iterator[Figure]:
     yield degrees("aim, two sigma after 30 s", two["aim", 30.0], 1.1, 0.8)
     yield Figure(
         "inside the stated 95 %, least of all lines, %",
-        100.0 * min(inside),
-        must=(93.0, 100.0),
-        goal=(95.0, 100.0),
+        *(100.0 * min(inside), (93.0, 100.0), (95.0, 100.0)),
     )
 
 
-def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--set", choices=SETS, default="judging")
-    parser.add_argument("--motions", nargs="+", default=[*aiming.MOTIONS])
-    parser.add_argument(
-        "--recordings",
-        metavar="PATH",
-        nargs="*",
-        type=Path,
-        help="recordings or folders of them instead (default: ../shared/data/broad)",
-    )
-    parser.add_argument("--board", choices=BOARDS, default=NANO.name)
-    parser.add_argument("--seeds", metavar="N", type=int, default=SEEDS)
-    parser.add_argument("--quick", action="store_true", help="3 seeds")
-    parser.add_argument(
-        "--every", metavar="N", type=int, default=1, help="use one pose in N"
-    )
-    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
-    parser.add_argument("--output", metavar="FILE", type=Path)
-    args = parser.parse_args(argv)
-    args.seeds = 3 if args.quick else args.seeds
-    return args
+COLUMNS = {
+    "motion": ("motion", ""),
+    "after, s": ("after", ".0f"),
+    "heading: stated": ("heading sigma", ".3f"),
+    "true": ("heading true", ".3f"),
+    "inside, %": ("heading inside", ".0f"),
+    "tilt: stated": ("tilt sigma", ".3f"),
+    "tilt: true": ("tilt true", ".3f"),
+    "tilt: inside, %": ("tilt inside", ".0f"),
+}
 
 
-def output_of(args: argparse.Namespace) -> Path:
-    """Where the results go, unless --output says."""
-    board = "" if args.board == NANO.name else f"-{args.board}"
-    on = "" if args.recordings is None else "-recordings"
-    output: Path = args.output or RESULTS / f"honesty-since-origin{on}{board}.json"
-    return output
+def row_of(line: Line) -> dict[str, Any]:
+    """As COLUMNS name it."""
+    row: dict[str, Any] = {"motion": line.motion, "after": line.after_s}
+    for kind, each in (("heading", line.heading), ("tilt", line.tilt)):
+        row[f"{kind} sigma"], row[f"{kind} true"] = each.sigma, each.true
+        row[f"{kind} inside"] = 100.0 * each.inside
+    return row
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    args = parse(argv)
-    how = {"board": args.board, "every": args.every}
-    with ProcessPoolExecutor(args.jobs) as pool:
-        if args.recordings is not None:
-            paths = scoring.find_trials(args.recordings or [RECORDINGS])
-            found = [*pool.map(partial(measure_recording, **how), paths)]
-        else:
-            seeds = range(SETS[args.set], 2 * args.seeds, 2)
-            runs = product(args.motions, seeds)
-            found = [*pool.map(partial(measure, **how), runs)]
+def measured(args: argparse.Namespace) -> Report:
+    """Of simulated motions or of recordings, for which no figure is required."""
+    if args.recordings:
+        task = partial(measure_recording, board=args.board)
+        paths = scoring.find_trials([RECORDINGS])
+        found = [*harness.each(task, paths, args.jobs, "recordings")]
+    else:
+        runs = [*product(args.groups, harness.seeds_of(args))]
+        task = partial(measure, board=args.board)
+        found = [*harness.each(task, runs, args.jobs, "motions")]
     lines = [*lines_of(found)]
-    print(
-        f"{'':6}{'after':>7}{'heading: stated':>17}{'true':>7}{'inside':>8}{'null':>6}"
-        f"{'tilt: stated':>14}{'true':>7}{'inside':>8}{'null':>6}"
-    )
-    for line in lines:
-        parts = (
-            f"{each.sigma:{width}.3f}{each.true:7.3f}{100.0 * each.inside:6.1f} %"
-            f"{100.0 * each.withheld:4.0f} %"
-            for each, width in ((line.heading, 17), (line.tilt, 14))
-        )
-        print(f"{line.motion:6}{line.after_s:5.0f} s", *parts, sep="")
-    output = output_of(args)
-    asked = {"set": args.set, "every": args.every, "runs": len(found)}
-    document = asked | {"lines": [asdict(line) for line in lines]}
-    write_results(output, document)
-    if args.recordings is not None or {*args.motions} != {*aiming.MOTIONS}:
-        return 0
-    judged = [*figures(lines)]
-    report.print_figures(judged, is_judged=True)
-    return int(any(each.verdict == "MISSED" for each in judged))
+    is_judged = {each.motion for each in lines} >= {*aiming.MOTIONS}
+    judged = [*figures(lines)] if is_judged else []
+    return Report([Table.of("lines", COLUMNS, map(row_of, lines))], judged)
 
+
+def more(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--recordings", action="store_true", help="../shared/data/broad instead"
+    )
+
+
+main = partial(
+    harness.run,
+    *("since-origin", __doc__, measured),
+    harness.options(seeds=16, groups=aiming.MOTIONS, boards=BOARDS, jobs=2, more=more),
+    variants=["recordings", "board"],
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -66,9 +66,11 @@ def test_green_beyond_the_tolerance_is_counted(
     assert aimed.is_true == is_true
     assert aimed.is_reached
     assert bool(aimed.false_green) == is_false_green
-    line = aims.line_of([aimed])
-    assert line["false_green_share"] == (1.0 if is_false_green else 0.0)
-    assert line["on_target"] == int(is_true)
+    row = aims.row_of([aimed])
+    assert row["false"] == (100.0 if is_false_green else 0.0)
+    assert row["on target"] == int(is_true)
+    figure, _ = aims.figures_of([aimed])
+    assert figure.verdict == ("MISSED" if is_false_green else "goal")
 
 
 def test_without_an_origin_a_usual_error_is_never_green() -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.accuracy.compared import Outcome, grouped
 from benchmarks.common.scoring import Coverage, Score
-from benchmarks.honesty import grounds, grounds_report
-from benchmarks.honesty.grounds_report import Outcome
+from benchmarks.honesty import grounds
 
 
 def outcome(
@@ -25,13 +25,13 @@ def outcome(
     scores = {"host": Score(1.2, heading, 0.5), "vqf": Score(2.5, 2.0, 1.0)}
     coverage = Coverage(*inside, 0.0, 0.25, 0.4, sigma)
     first_s = Coverage(1.0, first, 0.0, 0.0, 0.4, sigma)
-    return Outcome(group, seed, "nano", scores, coverage, first_s)
+    return Outcome(group, seed, scores, coverage, first_s)
 
 
 def verdicts(outcomes: list[Outcome]) -> dict[str, tuple[float, str, str]]:
     return {
         each.name: (each.value, each.verdict, each.detail)
-        for each in grounds_report.figures(outcomes)
+        for each in grounds.figures(grouped(outcomes, lambda each: each.group))
     }
 
 
@@ -86,27 +86,14 @@ def test_of_gross_faults_what_is_withheld_is_right() -> None:
     assert value == pytest.approx(25.0 + 75.0 * 0.5)
 
 
-def test_a_row_ends_with_what_is_withheld() -> None:
-    cells = grounds_report.cells([outcome()])
-    assert cells[0] == "1"
-    assert cells[-1] == "  0.0  25.0"
-    assert len(cells) == len(grounds_report.HEADS)
-    assert len(grounds_report.first_cells([outcome()])) == len(
-        grounds_report.FIRST_HEADS
-    )
-
-
-def test_the_program_prints_tables_and_writes_json(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_groups_are_measured(tmp_path: Path) -> None:
     path = tmp_path / "grounds.json"
-    words = ["--groups", "one axis", "warm", "--seeds", "1", "--jobs", "1", "--each"]
-    status = grounds.main([*words, "--output", str(path)])
-    output = capsys.readouterr().out
-    assert "judging, nano, uncalibrated, the first 10 s of motion" in output
-    assert "one axis 1" in output
-    document = json.loads(path.read_text())
-    assert set(document["sets"]["tuning"]["groups"]) == {"one axis", "warm"}
-    judged = document["sets"]["judging"]["figures"]
-    assert status == any(each["verdict"] == "MISSED" for each in judged)
-    assert [each["seed"] for each in document["recordings"]] == [0, 0, 1, 1]
+    words = ["--groups", "one axis", "warm", "--seeds", "1", "--jobs", "1"]
+    grounds.main(arguments=[*words, "--output", str(path)])
+    tables = json.loads(path.read_text())["tables"]
+    names = {name: [row[0] for row in tables[name]["rows"]] for name in tables}
+    assert names == {
+        "recordings": ["one axis 1", "warm 1"],
+        "first": ["one axis"],
+        "groups": ["one axis", "warm"],
+    }

@@ -63,18 +63,23 @@ def test_the_params_tell_what_the_motions_draw() -> None:
     assert quality.mag_deg == pytest.approx(np.degrees(0.3 / 20.0), rel=1e-3)
 
 
-@pytest.mark.parametrize("every", [1, 10])
-def test_a_short_run_states_errors_that_hold(
-    every: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_short_run_states_errors_that_hold(tmp_path: Path) -> None:
     output = tmp_path / "found.json"
-    since_origin.main(
-        f"--seeds 1 --motions aim --jobs 1 --every {every} --output {output}".split()
-    )
-    lines = json.loads(output.read_text("utf-8"))["lines"]
-    assert [line["after_s"] for line in lines] == [1.0, 10.0, 30.0, 60.0, 120.0]
-    for line in lines:
-        assert line["heading"]["inside"] > 0.9
-        assert line["heading"]["sigma"] < 0.8
-        assert line["heading"]["withheld"] == 0.0
-    assert "aim" in capsys.readouterr().out
+    words = f"--seeds 1 --groups aim --jobs 1 --output {output}"
+    since_origin.main(arguments=words.split())
+    rows = json.loads(output.read_text("utf-8"))["tables"]["lines"]["rows"]
+    assert [after for _, after, *_ in rows] == [1.0, 10.0, 30.0, 60.0, 120.0]
+    for _, _, sigma, _, inside, *_ in rows:
+        assert inside > 90.0
+        assert sigma < 0.8
+
+
+def test_errors_outside_what_is_stated_are_missed() -> None:
+    good = since_origin.Stated(100, 0.0, 0.1, 0.1, 0.96)
+    bad = since_origin.Stated(100, 0.0, 0.1, 0.3, 0.92)
+    lines = [
+        since_origin.Line("still", 120.0, good, good),
+        since_origin.Line("aim", 30.0, good, bad),
+    ]
+    *_, inside = since_origin.figures(lines)
+    assert (inside.value, inside.verdict) == (92.0, "MISSED")
