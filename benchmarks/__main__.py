@@ -73,8 +73,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "host/hosts.py",
     ),
     "calibration": (
-        "how well simulated modules are calibrated; 1,000 verdicts",
+        "how well simulated modules are calibrated; 1,000 verdicts; learning",
         "calibration/modules.py",
+        "calibration/verdicts.py",
+        "calibration/learning.py",
     ),
     "limb": (
         "joint angles of legs that walk, and of chains; paths of feet",

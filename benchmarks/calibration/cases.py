@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""How simulated modules are calibrated: how often and where they are laid."""
+"""How simulated modules are calibrated: how often and where they are laid, and whether
+that is accepted.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,11 @@ import numpy as np
 from benchmarks.calibration import simulated
 from imud.calibration import poses
 from imud.calibration.algebra import units
+from imud.calibration.faults import CalibrationFault
+from imud.calibration.guided import faults, whole
+from imud.calibration.guided.whole import ModuleFit
 from imud.calibration.recording import SensorRecording
+from imud.calibration.stops import find_stops
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import Manners
 from imud.virtual.modules import shop
@@ -118,3 +124,14 @@ def crowd(seed: int) -> Case:
         warm_degc=float(random.choice([0.0, random.uniform(0.0, 8.0)])),
         is_held=bool(random.random() < 0.15),
     )
+
+
+Judged = tuple[ModuleFit | None, CalibrationFault | None]
+
+
+def judged(recording: SensorRecording) -> Judged:
+    """Its fit, and the reason for refusing it."""
+    fit, stops = whole.fit(recording), find_stops(recording)
+    fault = faults.of_module(recording, stops, fit)
+    fault = fault or faults.of_score(fit, len(stops), has_mag=True)
+    return fit, fault

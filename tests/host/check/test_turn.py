@@ -6,35 +6,102 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
-from benchmarks.calibration import turns
-from benchmarks.calibration.turns import OTHER, SOUND
+from benchmarks.calibration import simulated
 from benchmarks.common.boards import NANO
-from benchmarks.common.feed import Feed, sampled
+from benchmarks.common.engines import ENGINES, HOST
+from benchmarks.common.feed import NO_READING, Feed, sampled
+from benchmarks.honesty.since_origin import published
+from imud.calibration.guided import housing, whole
+from imud.calibration.guided.result import result_of_fit
+from imud.calibration.poses import BASE_DOWN
+from imud.calibration.recording import Sample, Scale
 from imud.check import turn
 from imud.check.rows import Row, RowVerdict, overall
 from imud.check.turn import TurnGuide, TurnSeen
 from imud.check.turn_rows import LAID_DEG, rows, timed_out
 from imud.params.value import Params
-from imud.virtual.modules import calibrated
-from imud.virtual.turning import AXES
+from imud.rotation import FloatArray
+from imud.virtual.calibrating import SCALE
+from imud.virtual.modules import calibrated, shop
+from imud.virtual.motion import Motion, join
+from imud.virtual.motions.module import Module
+from imud.virtual.sensors import NO_ERRORS, stream
+from imud.virtual.turning import AXES, EACH_S, MOVE_S, TurningHand
 
+SALT = 0x7412
+RATE_HZ = 400.0
+FIRST_S = 20.0  # since power-on: the bias is found, the filter settled
 WANTED_DEG = 30.0
-KNOWN = turns.calibrated(calibrated(), 5)
+
+CHIP = NANO.chip
+BOARD_SCALE = Scale(CHIP.acc_lsb, CHIP.gyr_lsb, CHIP.mag_lsb, CHIP.rate_hz)
+
+
+def motion_of(module: Module, seed: int, axis: FloatArray, turn_deg: float) -> Motion:
+    """One turn, as measured by a module."""
+    exact = stream(
+        seed,
+        RATE_HZ,
+        simulated.EARTH,
+        NO_ERRORS,
+        lambda random, hz: TurningHand(random, hz, axis, turn_deg, FIRST_S),
+    )
+    sensor = module.sensor(RATE_HZ, np.random.default_rng([seed, SALT, 2]))
+    felt: list[Motion] = []
+    for piece in exact:
+        felt.append(sensor.feel(piece))
+        if sum(each.seconds for each in felt) > FIRST_S + MOVE_S + EACH_S:
+            break
+    return join(felt)
+
+
+def guided(module: Module, seed: int) -> Params:
+    """The params of the guided procedure."""
+    ups = [*simulated.UPS, BASE_DOWN.up, None]
+    recording = simulated.recorded(simulated.samples(module, seed, ups))
+    fit = whole.fit(recording)
+    assert fit is not None
+    return result_of_fit(fit, SCALE, Params(), housing.found(recording, fit)).params
+
+
+def seen_by(guide: TurnGuide, feed: Feed, count: int | None = None) -> None:
+    """Gives it raw samples, the first `count` of them, and poses in the order in which
+    a probe sends them.
+    """
+    poses = zip(feed.pose_after, published(ENGINES[HOST](feed)), strict=True)
+    due = dict(poses)
+    table = feed.rows
+    for index, t_us in enumerate(table["time_us"].tolist()[:count]):
+        mag = table["mag"][index].tolist()
+        guide.on_sample(
+            Sample(
+                t_us,
+                tuple(table["acc"][index].tolist()),
+                tuple(table["gyr"][index].tolist()),
+                None if mag[0] == NO_READING else tuple(mag),
+            )
+        )
+        if index in due:
+            guide.on_pose(due[index])
+
+
+KNOWN = guided(calibrated(), 5)
 
 
 @cache
 def feed_of(name: str) -> Feed:
     """A module without errors, turned once."""
-    felt = turns.motion_of(calibrated(), 5, AXES[name], WANTED_DEG)
-    return sampled(felt, NANO.chip, KNOWN.encode())
+    felt = motion_of(calibrated(), 5, AXES[name], WANTED_DEG)
+    return sampled(felt, CHIP, KNOWN.encode())
 
 
 @cache
 def seen(name: str, params: Params = KNOWN) -> TurnSeen:
-    guide = TurnGuide(turns.BOARD_SCALE, params, WANTED_DEG)
-    turns.seen_by(guide, feed_of(name))
+    guide = TurnGuide(BOARD_SCALE, params, WANTED_DEG)
+    seen_by(guide, feed_of(name))
     assert guide.found is not None
     return guide.found
 
@@ -42,7 +109,7 @@ def seen(name: str, params: Params = KNOWN) -> TurnSeen:
 def table(
     found: TurnSeen, params: Params = KNOWN, wanted_deg: float = WANTED_DEG
 ) -> dict[str, Row]:
-    found_rows = rows(found, turns.BOARD_SCALE, params, wanted_deg, LAID_DEG)
+    found_rows = rows(found, BOARD_SCALE, params, wanted_deg, LAID_DEG)
     return {row.name: row for row in found_rows}
 
 
@@ -51,8 +118,18 @@ def table(
 def test_a_calibrated_module_is_good_and_another_modules_params_are_found(
     seed: int, hand: str
 ) -> None:
-    assert turns.judged((seed, SOUND, hand, WANTED_DEG))["verdict"] == "good"
-    assert turns.judged((seed, OTHER, hand, WANTED_DEG))["verdict"] == "fault"
+    random = np.random.default_rng([seed, SALT])
+    module = shop(random)
+    params = guided(module, seed)
+    for felt_by, verdict in (
+        (module, RowVerdict.GOOD),
+        (shop(random), RowVerdict.FAULT),
+    ):
+        felt = motion_of(felt_by, seed, AXES[hand], WANTED_DEG)
+        guide = TurnGuide(BOARD_SCALE, params, WANTED_DEG)
+        seen_by(guide, sampled(felt, CHIP, params.encode()))
+        assert guide.found is not None
+        assert overall([*table(guide.found, params).values()]) is verdict
 
 
 @pytest.mark.parametrize("hand", AXES)
@@ -103,9 +180,9 @@ def test_a_probe_that_is_not_turned_ends_the_guide(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(turn, "TIMEOUT_S", 5.0)
-    guide = TurnGuide(turns.BOARD_SCALE, KNOWN, WANTED_DEG)
+    guide = TurnGuide(BOARD_SCALE, KNOWN, WANTED_DEG)
     assert not guide.is_late
-    turns.seen_by(guide, feed_of("turn"), round(15.0 * turns.BOARD_SCALE.rate_hz))
+    seen_by(guide, feed_of("turn"), round(15.0 * BOARD_SCALE.rate_hz))
     assert guide.has_first
     assert guide.found is None
     assert guide.is_late
