@@ -16,9 +16,8 @@ from websockets.sync.client import connect
 
 import length
 from imud import serving
-from imud.errors import ListenFailed
 from imud.web import gate, server, visit
-from imud.web.server import MESSAGE_MAX, Page
+from imud.web.server import MESSAGE_MAX
 from web.served import PATIENCE_S, Served, until
 
 
@@ -209,12 +208,3 @@ def test_the_number_of_browsers_is_limited(served: Served) -> None:
             pass
         assert refused.value.response.status_code == 503
     assert served.page.refused == {"browsers": 1}
-
-
-def test_a_port_that_is_taken_is_said_on_one_line(served: Served) -> None:
-    host, _, port = served.host.partition(":")
-    other = Page((host, int(port)), served.asked)
-    with pytest.raises(
-        ListenFailed, match=r"in use; choose another address with --page"
-    ):
-        other.start()

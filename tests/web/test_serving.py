@@ -31,7 +31,8 @@ def test_a_taken_port_is_one_line_and_the_page_comes_when_it_is_free(
         )
         with daemon:
             daemon.expect(
-                f"warning: can't serve the page on {address}: Address .* in use"
+                f"warning: can't serve the page on {address}: Address .* in use; "
+                "choose another address with --page"
             )
             port.wait_open()
             port.write(probe.say("hello"))

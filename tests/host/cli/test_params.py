@@ -241,21 +241,6 @@ def test_a_probe_with_another_name_has_them_under_it(tmp_path: Path) -> None:
                 client.params(probe.name)
 
 
-def test_a_daemon_without_history_says_so(tmp_path: Path) -> None:
-    settings = tmp_path / "imud.toml"
-    settings.write_text('[params]\nhistory = ""\n')
-    chain = Chain(tmp_path, "--config", settings)
-    try:
-        with (
-            answering(chain),
-            pytest.raises(CommandRefused, match="keeps no history of params"),
-        ):
-            chain.client.params_history(chain.probe.name)
-        assert not (tmp_path / "state").exists()
-    finally:
-        chain.close()
-
-
 def test_a_printed_handle_brings_its_tip_and_leaves_the_rest(
     desk: Desk, tmp_path: Path
 ) -> None:

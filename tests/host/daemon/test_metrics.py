@@ -17,7 +17,6 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from imud.daemon import metrics
 from imud.daemon.metrics import HEAD_MAX, DaemonCounts, MetricsServer, text_of
-from imud.errors import ListenFailed
 from imud.throttle import Rate
 from length import examples
 
@@ -201,8 +200,3 @@ def test_a_head_without_end_is_refused_and_idle_clients_are_let_go(
         assert end.recv(1) == b""  # after REQUEST_S
         end.close()
     assert_serves(served)
-
-
-def test_an_address_that_is_taken_is_named(served: MetricsServer) -> None:
-    with pytest.raises(ListenFailed, match="can't serve metrics"):
-        MetricsServer(("127.0.0.1", served.port)).start()

@@ -32,10 +32,6 @@ DEAD_WORDS = (
     "the accelerometer failed its self-test (y response 0 mg, expected 204 to 611): "
     "don't trust tilt; replace the module"
 )
-MOVED_WORDS = (
-    "self-test of accelerometer not judged: the probe moved; restart it while it lies "
-    "still"
-)
 
 
 def hello_of(sensor: str, *who_am_i: int, **fields: Any) -> dict[str, Any]:
@@ -169,28 +165,6 @@ def test_the_responses_of_the_boot_before_are_forgotten(chain: Chain) -> None:
         "reason": "its responses were not received",
     }
     assert status["sensors"]["words"] == []
-
-
-def test_a_probe_that_judges_itself_is_told_as_well(chain: Chain) -> None:
-    chain.probe.hello_fields = chain.probe.hello_fields | {
-        "self_test": ("acc_passed", "gyr_failed", "mag_passed")
-    }
-    chain.port.write(chain.probe.say("hello"))
-    chain.daemon.expect(
-        r"the gyroscope failed its self-test \(by the probe's own self-test\): "
-        r"don't trust poses"
-    )
-
-
-def test_a_probe_that_moved_is_told_to_be_not_judged(chain: Chain) -> None:
-    chain.probe.hello_fields = chain.probe.hello_fields | JUDGED
-    moved = DEAD_Y | {"after": (-11, 1338, 16390, 14, -8, 130)}
-    chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **moved))
-    line = chain.daemon.expect("not judged")
-    assert line.split(" ", 1)[1] == f"probe {chain.probe.name}: {MOVED_WORDS}"
-    status = chain.status_when(lambda status: status["sensors"]["words"])
-    assert status["sensors"]["words"] == [MOVED_WORDS]
-    assert status["sensors"]["flags"] == []
 
 
 def test_a_module_without_magnetometer_is_named_and_not_to_be_calibrated(

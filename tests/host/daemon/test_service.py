@@ -170,6 +170,7 @@ def test_a_taken_port_of_another_service_is_told_and_taken_once_it_is_free(
         with running(tmp_path, text) as (daemon, _, _):
             (line,) = [each for each in daemon.lines if str(port) in each]
             assert "warning" in line
+            assert f"in use; choose another address with [{service}] listen" in line
             taken.close()
             until = time.monotonic() + 30.0
             while True:

@@ -10,7 +10,7 @@ from fakes.records import calibrated_records, parts_of
 from imud.probes.session import Probe, Received, Session
 from imud.probes.speaker import introduction, speaker_of
 from imud.wire.messages import Message, decode
-from imud.wire.params import PART, SETS_MAX, WHOLE_MAX, ParamsParts, digest_of
+from imud.wire.params import SETS_MAX, WHOLE_MAX, ParamsParts, digest_of
 
 ONE, OTHER = calibrated_records(1), calibrated_records(2)
 
@@ -36,16 +36,6 @@ class Desk:
 
 def test_without_records_nothing_has_to_be_told():
     assert Desk().known.params == b""
-
-
-def test_records_are_known_when_the_last_part_has_come_in_any_order():
-    desk = Desk(ONE)
-    told = list(parts_of(desk.fake, ONE, lambda _, **fields: fields))
-    assert len(told) == -(-len(ONE) // PART) > 3
-    for fields in told[::-1]:
-        assert desk.known.params is None
-        desk.say(desk.fake.say("params", **fields))
-    assert desk.known.params == ONE
 
 
 def test_parts_of_the_next_params_leave_those_in_force_until_the_event():
@@ -90,22 +80,6 @@ def test_they_are_known_over_a_reboot():
     desk.say(*parts_of(desk.fake, ONE))
     desk.fake.restart()
     desk.say(desk.fake.say("hello"))
-    assert desk.known.params == ONE
-
-
-def test_parts_that_do_not_give_their_digest_are_dropped_and_heard_again():
-    desk = Desk(ONE)
-    frames = list(parts_of(desk.fake, ONE))
-    spoiled = desk.fake.say(
-        "params",
-        set_digest=digest_of(ONE),
-        set_length=len(ONE),
-        part_offset=0,
-        part=bytes(PART),
-    )
-    desk.say(spoiled, *frames[1:])
-    assert desk.known.params is None
-    desk.say(*parts_of(desk.fake, ONE))
     assert desk.known.params == ONE
 
 

@@ -22,7 +22,7 @@ from websockets.typing import Subprotocol
 
 from configured import running
 from fakes import PATIENCE_S, free_address
-from imud.errors import ConfigError, ListenFailed
+from imud.errors import ConfigError
 from imud.log.reader import Logged
 from imud.log.schemas import schema_of
 from imud.sinks.foxglove import FoxgloveSink
@@ -131,15 +131,6 @@ def test_a_viewer_that_stands_still_holds_nobody_up() -> None:
             assert live.hear(PATIENCE_S)[2] == payload
         stopped.abort()
     sink.close()
-
-
-def test_a_port_that_is_taken_is_said_on_one_line() -> None:
-    address = free_address()
-    first = FoxgloveSink(address, "imud")
-    first.open()
-    with pytest.raises(ListenFailed, match="in use"):
-        FoxgloveSink(address, "imud").open()
-    first.close()
 
 
 def test_without_the_library_it_is_said_what_to_install(

@@ -7,10 +7,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any
 
-import numpy as np
-import pytest
-from msgspec.structs import replace
-
 from benchmarks.calibration.simulated import affine_errors, recorded
 from fakes import FakeProbe
 from imud.calibration.affine import affine_of
@@ -24,7 +20,7 @@ from imud.probes.session import ProbeFound, Received, Session
 from imud.stages import LogLine, Publish, SendCommands, StageResult
 from imud.stages.learn import LearnStage, worker
 from imud.virtual.calibrating import SCALE
-from raw_probe import RATES, calibrating, lying, module, raw, used
+from raw_probe import RATES, calibrating, module, raw, used
 
 
 class AtOnce(Executor):
@@ -162,17 +158,6 @@ def test_a_better_calibration_stays() -> None:
     assert bench.stage.status()["state"] == "listening"
 
 
-def test_a_probe_that_lies_teaches_nothing() -> None:
-    bench = Bench()
-    bench.play(lying([np.array([0.0, 0.0, 1.0])] * 2, 3))
-    still = lying([np.array([0.0, 0.0, 1.0])], 4)
-    for part in range(12):
-        bench.play(
-            [replace(s, t_us=s.t_us + 7_000_000 + part * 2_000_000) for s in still]
-        )
-    assert bench.outcomes == []
-
-
 def test_off_is_off_and_a_reload_switches_it() -> None:
     bench = Bench("off")
     bench.play(used(4.0))
@@ -203,8 +188,3 @@ def test_fits_have_one_thread_for_all_probes() -> None:
     assert worker() is worker()
     assert worker().submit(lambda: 5).result(10.0) == 5
     assert LearnStage(Config()).closing_line() == ""
-
-
-@pytest.mark.parametrize("mode", ["off", "propose", "apply"])
-def test_the_setting_has_three_values(mode: str) -> None:
-    assert LearnStage(config(mode)).status()["records"] is None
