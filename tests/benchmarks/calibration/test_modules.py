@@ -13,7 +13,6 @@ import pytest
 from benchmarks.calibration import cases, modules, simulated, verdicts
 from benchmarks.calibration.cases import CASES, Case
 from benchmarks.calibration.modules import GUIDED
-from benchmarks.pictures import poses
 from imud.calibration.affine import Affine
 from imud.virtual.modules import calibrated
 
@@ -106,10 +105,6 @@ def test_a_perfect_calibration_has_no_error() -> None:
     assert found == {"tilt": pytest.approx(0.0), "heading": pytest.approx(0.0)}
     turned = Affine(np.diag([1.0, 1.0, 1.02]), np.zeros(3))
     assert simulated.affine_errors(calibrated(), turned, same)["tilt"] > 0.2
-
-
-def test_the_picture_of_the_poses_is_the_one_in_the_docs() -> None:
-    assert poses.OUTPUT.read_text() == poses.drawn()
 
 
 def test_an_uneven_field_has_its_size_over_its_distance() -> None:
