@@ -43,8 +43,8 @@ REST_S = 8.0
 
 
 @contextlib.contextmanager
-def served() -> Iterator[str]:
-    """A daemon with both virtual boards and a leg: the address of its page."""
+def served() -> Iterator[tuple[str, str]]:
+    """A daemon with both virtual boards and a leg: its page, and its endpoint."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
 
@@ -81,7 +81,8 @@ def served() -> Iterator[str]:
         name_probes(endpoint)
         stack.enter_context(walking(endpoint))
         lines = log.read_text().splitlines()
-        yield next(line for line in lines if "page is at" in line).rpartition(" ")[2]
+        line = next(line for line in lines if "page is at" in line)
+        yield line.rpartition(" ")[2], endpoint
 
 
 def name_probes(endpoint: str) -> None:

@@ -76,7 +76,7 @@ def packed(pictures: list[Image.Image]) -> bytes:
 
 
 def main() -> int:
-    with served() as url, chromium() as browser:
+    with served() as (url, _), chromium() as browser:
         for scheme in ("light", "dark"):
             with opened(browser, url, SIZE, is_dark=scheme == "dark") as page:
                 page.wait_for_timeout(1000)

@@ -68,7 +68,7 @@ def take(browser: Browser, url: str, scheme: str, *, is_phone: bool) -> None:
 
 
 def main() -> int:
-    with served() as url, chromium() as browser:
+    with served() as (url, _), chromium() as browser:
         for scheme in ("light", "dark"):
             take(browser, url, scheme, is_phone=False)
         take(browser, url, "dark", is_phone=True)

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: MIT
 """Draws docs/pictures/*.svg from the benchmarks' results.
 
-probe: the image's poses in a hand, beside its error on each recording. time: errors
-over the time of one recording.
+errors: ours and VQF's on each recording. time: errors over the time of one of them.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,18 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from benchmarks.common import boards
-from benchmarks.common.capture import run
 from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.paths import PICTURES, PROJECT, RESULTS
-from benchmarks.pictures.hand import draw_hand
 from benchmarks.pictures.theme import LIGHT, blank, save
 from imud.rotation import FloatArray
-from imud.virtual import sensors
 
 NANO = boards.NANO.name
-
-HAND_SEED = 10
-HAND_SECONDS = 40.0
 
 # The README shows pictures 10 inches wide, whatever their own width.
 WIDTH = 10.0
@@ -57,8 +48,9 @@ def undress(axes: Axes) -> None:
         spine.set_visible(False)
 
 
-def draw_errors(axes: Axes, trials: Mapping[str, Any]) -> None:
+def draw_errors(figure: Figure, measured: Mapping[str, Any]) -> None:
     """Draw a line for each recording, from our error to VQF's."""
+    axes, trials = figure.subplots(), measured["trials"]
     rows = np.arange(len(trials))[::-1]
     ours, other = (
         np.array(
@@ -71,6 +63,7 @@ def draw_errors(axes: Axes, trials: Mapping[str, Any]) -> None:
     axes.scatter(ours, rows, s=26, color=LIGHT.ours, zorder=3)
     names = [name.replace("_", " ") for name in trials]
     undress(axes)
+    axes.grid(visible=False, axis="y")
     axes.set_yticks(rows, names, fontsize=6.5, color=LIGHT.ink)
     axes.set_xlim(0.0, None)
     axes.set_xlabel("orientation error, degrees rms", color=LIGHT.ink)
@@ -152,18 +145,7 @@ def draw_time(figure: Figure, measured: Mapping[str, Any]) -> None:
     )
 
 
-def draw_probe(figure: Figure, measured: Mapping[str, Any]) -> None:
-    """Draw the image's poses in a hand, and its error on each recording."""
-    left, right = figure.subplots(1, 2)
-    made = sensors.generate(HAND_SECONDS, HAND_SEED)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "hand.npz"
-        made.save(path)
-        draw_hand(left, made, run(NANO, path))
-    draw_errors(right, measured["trials"])
-
-
-PICTURES_OF = {"probe": (4.2, draw_probe), "time": (3.4, draw_time)}
+PICTURES_OF = {"errors": (4.2, draw_errors), "time": (3.4, draw_time)}
 
 
 def main() -> int:
