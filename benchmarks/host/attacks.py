@@ -6,37 +6,23 @@ and a subscriber over TLS, first alone, then beside all attacks of ATTACKS at on
 from __future__ import annotations
 
 import argparse
-import array
 import contextlib
 import multiprocessing
 import os
 import random
 import socket
-import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import numpy as np
-
 from benchmarks import harness
-from benchmarks.common.load import (
-    PATIENCE_S,
-    answer_of,
-    feed,
-    free_endpoint,
-    rss_mib,
-    wait_for_line,
-)
+from benchmarks.common.load import free_endpoint
 from benchmarks.harness import Figure, Report, Table, ratio
-from benchmarks.host.live import latency
-from imud.client import Client
+from benchmarks.host.live import live
 from imud.net import keys
 
 PROBES = 4
@@ -112,88 +98,26 @@ def attack(addresses: Sequence[Address], seconds: float) -> None:
         each.join()
 
 
-class Arrived(msgspec.Struct):
-    """The recorded part of a pose: whole ones of an hour would take gigabytes."""
-
-    probe: str
-    seq: int
-
-
-def follow(endpoint: str, mine: str, to: Connection, path: Path) -> None:
-    """A subscriber with keys, who notes when each pose came."""
-    notes = array.array("q")
-    decoder = msgspec.json.Decoder(Arrived)
-
-    def note(_: str, payload: bytes) -> None:
-        t_ns = time.monotonic_ns()
-        pose = decoder.decode(payload)
-        notes.extend((int(pose.probe[-2:], 16), pose.seq, t_ns))
-
-    with Client(endpoint, keys=mine) as client:
-        client.subscribe("pose", None, note)
-        to.send("ready")
-        to.recv()
-    np.save(path, np.array(notes, dtype=np.int64).reshape(-1, 3))
-    to.send("saved")
-
-
 def run(seconds: float, folder: Path, *, is_attacked: bool) -> dict[str, Any]:
-    spawn = multiprocessing.get_context("spawn")
-    to_feeder, feeder_end = spawn.Pipe()
-    to_follower, follower_end = spawn.Pipe()
+    """A daemon with keys, its probes and subscriber, and maybe attackers."""
     ports = [int(free_endpoint().rpartition(":")[2]) for _ in range(3)]
-    addresses = [("127.0.0.1", port) for port in ports]
     endpoint = f"tls/127.0.0.1:{ports[0]}"
     keys.initialise(folder / "keys", ["127.0.0.1"], ports[0])
-    sent, heard = folder / "sent.npy", folder / "heard.npy"
-    feeder = spawn.Process(target=feed, args=(PROBES, seconds, feeder_end, sent))
-    feeder.start()
-    names = answer_of(to_feeder, PATIENCE_S)
-    named = ", ".join(f"'{name}'" for name in names)
-    settings = f"[ports]\nfind = false\nnamed = [{named}]\n"
-    (folder / "imud.toml").write_text(settings + _guarded(folder, endpoint, ports))
-    words = [sys.executable, "-m", "imud", "run", "--config", str(folder / "imud.toml")]
-    with (folder / "daemon.txt").open("w") as lines:
-        daemon = subprocess.Popen(words, stderr=lines, cwd=folder)
-    viewer = str(folder / "keys" / "clients" / "viewer.toml")
-    follower = spawn.Process(
-        target=follow, args=(endpoint, viewer, follower_end, heard)
-    )
+    config = folder / "imud.toml"
+
+    def command(names: list[str]) -> list[str]:
+        named = f"[ports]\nfind = false\nnamed = {names}\n"
+        config.write_text(named + _guarded(folder, endpoint, ports))
+        return ["-m", "imud", "run", "--config", str(config)]
+
+    addresses = [("127.0.0.1", port) for port in ports]
+    spawn = multiprocessing.get_context("spawn")
     attacker = spawn.Process(target=attack, args=(addresses, seconds))
-    try:
-        wait_for_line(folder / "daemon.txt", "listens on")
-        follower.start()
-        answer_of(to_follower, PATIENCE_S)
-        if is_attacked:
-            attacker.start()
-        to_feeder.send("go")
-        watched = []
-        until_s = time.monotonic() + seconds
-        while time.monotonic() < until_s:
-            files = len([*Path(f"/proc/{daemon.pid}/fd").iterdir()])
-            watched.append((rss_mib(daemon.pid), files))
-            time.sleep(1.0)
-        answer_of(to_feeder, PATIENCE_S)
-        time.sleep(2.0)
-        to_follower.send("stop")
-        answer_of(to_follower, PATIENCE_S)
-        to_feeder.send("stop")
-        if is_attacked:
-            attacker.join()
-    finally:
-        daemon.terminate()
-        daemon.wait()
-        for process in (feeder, follower, attacker):
-            if process.is_alive():
-                process.kill()
-    told = latency(np.load(sent), np.load(heard))
-    return {
-        "seconds": seconds,
-        **told,
-        "lost": told["poses_sent"] - told["poses_heard"],
-        "rss_mib": _quarters([each[0] for each in watched]),
-        "files": [watched[0][1], max(each[1] for each in watched)],
-    }
+    viewer = folder / "keys" / "clients" / "viewer.toml"
+    beside = attacker if is_attacked else None
+    found = live(PROBES, seconds, folder, endpoint, command, keys=viewer, beside=beside)
+    memory, files = zip(*found.pop("watched"), strict=True)
+    return found | {"memory": _quarters(memory), "files": (files[0], max(files))}
 
 
 def _quarters(values: Sequence[float]) -> list[float]:
@@ -220,7 +144,7 @@ def table_of(runs: Mapping[str, dict[str, Any]]) -> Table:
         (
             *(name, each["seconds"] / 60.0, each["poses_sent"], each["lost"]),
             *(each["median_us"], each["p99_us"]),
-            ", ".join(f"{mib:.0f}" for mib in each["rss_mib"]),
+            ", ".join(f"{mib:.0f}" for mib in each["memory"]),
             "{} to {}".format(*each["files"]),
         )
         for name, each in runs.items()

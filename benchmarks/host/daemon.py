@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import harness
+from benchmarks.common.load import free_endpoint
 from benchmarks.harness import Figure, Report, Table
 from benchmarks.host.live import live
 
@@ -29,10 +30,22 @@ MEDIAN_US, P99_US = 300.0, 2000.0
 ONE_CORE = 64  # probes that a core carries
 
 
+def run(probes: int, seconds: float, folder: Path, *, is_relay: bool) -> dict[str, Any]:
+    """The daemon with a log, or the relay."""
+    endpoint = free_endpoint()
+
+    def command(names: list[str]) -> list[str]:
+        if is_relay:
+            return [str(Path(__file__).with_name("relay.py")), endpoint, *names]
+        words = ["--listen", endpoint, "--log", str(folder / "logs")]
+        return ["-m", "imud", "run", *names, *words]
+
+    return {"is_relay": is_relay, **live(probes, seconds, folder, endpoint, command)}
+
+
 def missed(run: dict[str, Any]) -> int:
     """Frames lost anywhere between the pty and the subscriber."""
-    fell_out = run["poses_sent"] - run["poses_heard"]
-    return int(fell_out + run["dropped"] + run["overrun"])
+    return int(run["lost"] + run["dropped"] + run["overrun"])
 
 
 def table_of(runs: Sequence[dict[str, Any]]) -> Table:
@@ -78,7 +91,7 @@ def measured(args: argparse.Namespace) -> Report:
     for probes in args.probes:
         for is_relay in [True, False] if probes == RELAYED else [False]:
             with tempfile.TemporaryDirectory() as folder:
-                runs.append(live(probes, args.seconds, Path(folder), is_relay=is_relay))
+                runs.append(run(probes, args.seconds, Path(folder), is_relay=is_relay))
     return Report([table_of(runs)], [*figures_of(runs)], {"runs": runs})
 
 

@@ -6,83 +6,91 @@ Both note CLOCK_MONOTONIC, so that the way of each pose can be timed.
 
 from __future__ import annotations
 
-import json
+import array
 import multiprocessing
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
-import zenoh
 
 from benchmarks.common.load import (
     PATIENCE_S,
     answer_of,
     cpu_s,
     feed,
-    free_endpoint,
     idle_s,
     rss_mib,
     wait_for_line,
 )
 from benchmarks.common.source import RATE_HZ
+from imud.client import Client
 
 WARM_UP_S = 2.0  # not measured: imports, the first hello
+WATCH_S = 1.0
 
 
-def follow(endpoint: str, to: Connection, path: Path) -> None:
+class Arrived(msgspec.Struct):
+    """The recorded part of a pose: whole ones of an hour would take gigabytes."""
+
+    probe: str
+    seq: int
+
+
+def follow(endpoint: str, keys: Path | None, to: Connection, path: Path) -> None:
     """Subscribe; note when each pose came, and the last status of each probe."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    heard: list[tuple[int, bytes]] = []
-    statuses: dict[str, bytes] = {}
+    notes = array.array("q")
+    decoder = msgspec.json.Decoder(Arrived)
 
-    def on_pose(sample: zenoh.Sample) -> None:
-        heard.append((time.monotonic_ns(), bytes(sample.payload)))
+    def note(_: str, payload: bytes) -> None:
+        t_ns = time.monotonic_ns()
+        pose = decoder.decode(payload)
+        notes.extend((int(pose.probe[-2:], 16), pose.seq, t_ns))
 
-    def on_status(sample: zenoh.Sample) -> None:
-        statuses[str(sample.key_expr)] = bytes(sample.payload)
-
-    with zenoh.open(config) as session:
-        session.declare_subscriber("imud/*/pose", on_pose)
-        session.declare_subscriber("imud/*/status", on_status)
+    with Client(endpoint, keys=keys) as client:
+        client.subscribe("pose", None, note)
         to.send("ready")
         to.recv()
-    notes = np.zeros((len(heard), 3), dtype=np.int64)
-    for row, (t_ns, payload) in enumerate(heard):
-        pose = json.loads(payload)
-        notes[row] = int(pose["probe"][-2:], 16), pose["seq"], t_ns
-    np.save(path, notes)
-    to.send([json.loads(payload) for payload in statuses.values()])
+        statuses = client.statuses()
+    np.save(path, np.array(notes, dtype=np.int64).reshape(-1, 3))
+    to.send(statuses)
 
 
 def live(
-    probes: int, seconds: float, folder: Path, *, is_relay: bool = False
+    probes: int,
+    seconds: float,
+    folder: Path,
+    endpoint: str,
+    command: Callable[[list[str]], list[str]],
+    *,
+    keys: Path | None = None,
+    beside: BaseProcess | None = None,
 ) -> dict[str, Any]:
-    """Run the daemon, or the bare relay, with probes, a subscriber and a log."""
+    """Run a daemon with probes and a subscriber, and a process beside it.
+
+    `command`: the words that start the daemon with these ports; `keys`: the file of the
+    subscriber's.
+    """
     spawn = multiprocessing.get_context("spawn")
     to_feeder, feeder_end = spawn.Pipe()
     to_follower, follower_end = spawn.Pipe()
     sent_path, heard_path = folder / "sent.npy", folder / "heard.npy"
-    endpoint = free_endpoint()
     total_s = seconds + WARM_UP_S
     feeder = spawn.Process(target=feed, args=(probes, total_s, feeder_end, sent_path))
-    follower = spawn.Process(target=follow, args=(endpoint, follower_end, heard_path))
+    words = (endpoint, keys, follower_end, heard_path)
+    follower = spawn.Process(target=follow, args=words)
+    processes: list[BaseProcess] = [feeder, follower, *([beside] if beside else [])]
     feeder.start()
     feeder_end.close()  # so that recv() ends if the process does
-    names = answer_of(to_feeder, PATIENCE_S)
-    logs = str(folder / "logs")
-    command = ["-m", "imud", "run", *names, "--listen", endpoint, "--log", logs]
-    if is_relay:
-        command = [str(Path(__file__).with_name("relay.py")), endpoint, *names]
+    start = [sys.executable, *command(answer_of(to_feeder, PATIENCE_S))]
     with (folder / "daemon.txt").open("w") as lines:
-        daemon = subprocess.Popen([sys.executable, *command], stderr=lines, cwd=folder)
+        daemon = subprocess.Popen(start, stderr=lines, cwd=folder)
     try:
         wait_for_line(folder / "daemon.txt", "listens on")
         follower.start()
@@ -91,7 +99,12 @@ def live(
         to_feeder.send("go")
         time.sleep(WARM_UP_S)
         begin_s, begin_cpu, idle = time.monotonic(), cpu_s(daemon.pid), idle_s()
-        time.sleep(seconds - 0.5)
+        watched = [watch(daemon.pid)]
+        if beside is not None:
+            beside.start()
+        while (left_s := begin_s + seconds - 0.5 - time.monotonic()) > 0:
+            time.sleep(min(WATCH_S, left_s))
+            watched.append(watch(daemon.pid))
         passed_s = time.monotonic() - begin_s
         cpu = (cpu_s(daemon.pid) - begin_cpu) / passed_s
         idle = (idle_s() - idle) / passed_s
@@ -101,25 +114,30 @@ def live(
         to_follower.send("stop")
         statuses = answer_of(to_follower, PATIENCE_S)
         to_feeder.send("stop")
-        feeder.join()
-        follower.join()
+        for process in processes:
+            process.join()
     finally:
         daemon.terminate()
         daemon.wait()
-        for process in (feeder, follower):
+        for process in processes:
             if process.is_alive():
                 process.kill()
     return {
         "probes": probes,
-        "is_relay": is_relay,
         "seconds": seconds,
         "cpu_core": cpu,
         "idle_cores": idle,
         "rss_mib": memory,
+        "watched": watched,
         **latency(np.load(sent_path), np.load(heard_path)),
         **sent,
-        **ledger(statuses),
+        "dropped": dropped(statuses),
     }
+
+
+def watch(pid: int) -> tuple[float, int]:
+    """MiB of memory, and open files."""
+    return rss_mib(pid), len([*Path(f"/proc/{pid}/fd").iterdir()])
 
 
 def latency(sent: Any, heard: Any) -> dict[str, Any]:
@@ -135,20 +153,13 @@ def latency(sent: Any, heard: Any) -> dict[str, Any]:
     late = np.array(waited if waited else [np.nan])
     return {
         "poses_sent": len(sent),
-        "poses_heard": len(at),
+        "lost": len(sent) - len(at),
         "median_us": float(np.median(late)),
         "p99_us": float(np.percentile(late, 99)),
         "worst_us": float(late.max()),
     }
 
 
-def ledger(statuses: Sequence[Any]) -> dict[str, Any]:
-    """The daemon's own counts, summed over all probes."""
-    ledgers = [status["ledger"] for status in statuses]
-    return {
-        "received": sum(each["received"] for each in ledgers),
-        "lost": sum(each["lost"] for each in ledgers),
-        "corrupt": sum(each["corrupt"] for each in ledgers),
-        "dropped": sum(sum(each["dropped"].values()) for each in ledgers),
-        "logged": sum(sum(each["logged"].values()) for each in ledgers),
-    }
+def dropped(statuses: Sequence[Any]) -> int:
+    """What the daemon's sinks did not take, by its own counts."""
+    return sum(sum(each["ledger"]["dropped"].values()) for each in statuses)

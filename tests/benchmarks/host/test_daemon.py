@@ -61,14 +61,13 @@ def test_latency_is_of_the_same_pose_at_both_ends() -> None:
     heard = sent + np.array([0, 0, 250_000])
     found = latency(sent, heard[:-1])
     assert (found["median_us"], found["worst_us"]) == (250.0, 250.0)
-    assert (found["poses_sent"], found["poses_heard"]) == (10, 9)
+    assert (found["poses_sent"], found["lost"]) == (10, 1)
 
 
 RUN = {
     "probes": 8,
     "is_relay": False,
-    "poses_sent": 9,
-    "poses_heard": 9,
+    "lost": 0,
     "dropped": 0,
     "overrun": 0,
     "median_us": 301.0,
@@ -79,7 +78,7 @@ RUN = {
 def test_a_lost_pose_of_eight_probes_is_missed_and_a_late_one_is_not() -> None:
     met = [each.verdict for each in daemon.figures_of([RUN])]
     assert met == ["goal", "must", "goal"]
-    lost = RUN | {"poses_heard": 7, "dropped": 3, "overrun": 1}
+    lost = RUN | {"lost": 2, "dropped": 3, "overrun": 1}
     missed, *_ = daemon.figures_of([lost])
     assert (missed.value, missed.verdict) == (6, "MISSED")
 
