@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import os
 import re
 import shutil
@@ -25,14 +24,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks import tables
+from benchmarks.tables import Table
+
 ROOT = Path(__file__).resolve().parent.parent
 DRIVERS = Path("tests/proof")
 # The state that was proved last, in the tree: a fresh clone has it, too. The night
 # proves all of it again, whatever this says.
 STAMP = ROOT / DRIVERS / "proved.txt"
-# How many statements were reached, for the table of docs/proof.md.
-REACHED = ROOT / "benchmarks" / "results" / "proof.json"
-COMMAND = "python tools/prove.py --force"
 FRAMA_C = "frama-c"
 SECONDS_MAX = 180
 
@@ -171,25 +170,26 @@ def main() -> None:
         sys.exit("not proved")
     if not options.entry:
         STAMP.write_text(f"{state}\n")
-        REACHED.write_text(json.dumps(_summary(outcomes), indent=1) + "\n")
+        tables.keep("proof", [_summary(outcomes)])
 
 
-def _summary(outcomes: Sequence[Outcome]) -> dict[str, object]:
-    """Statements of each function and of each driver: the fewest that were reached on
-    a machine, and how many there are.
+def _summary(outcomes: Sequence[Outcome]) -> Table:
+    """Statements of each driver's functions: the fewest that were reached on a machine,
+    and how many there are.
     """
-    found: dict[str, dict[str, int]] = {}
+    found: dict[str, tuple[int, int]] = {}
     for each in outcomes:
         reached, out_of = map(int, each.reached.split("/"))
-        line = found.setdefault(each.name, {"reached": reached, "statements": out_of})
-        if out_of - reached > line["statements"] - line["reached"]:
-            line.update(reached=reached, statements=out_of)
-    sums: dict[str, dict[str, int]] = {}
-    for name, line in found.items():
-        total = sums.setdefault(name.partition(".")[0], dict.fromkeys(line, 0))
-        for key, count in line.items():
-            total[key] += count
-    return {"command": COMMAND, "drivers": sums, "functions": found}
+        before = found.setdefault(each.name, (reached, out_of))
+        if out_of - reached > before[1] - before[0]:
+            found[each.name] = reached, out_of
+    sums: dict[str, tuple[int, int]] = {}
+    for name, (reached, out_of) in found.items():
+        driver = name.partition(".")[0]
+        so_far = sums.get(driver, (0, 0))
+        sums[driver] = so_far[0] + reached, so_far[1] + out_of
+    columns = {"driver": "", "statements reached": ",d", "of": ",d"}
+    return Table("reached", columns, [(f"`{name}.c`", *sums[name]) for name in sums])
 
 
 def _run(wanted: str | None) -> Iterator[Outcome]:
