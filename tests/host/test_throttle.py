@@ -16,7 +16,7 @@ from imud.daemon.metrics import RATE, MetricsServer
 from imud.igtl.server import RATE as IGTL_RATE
 from imud.igtl.server import Server
 from imud.throttle import ALL, Rate, Throttle
-from imud.web import gate
+from imud.web import connections
 from imud.web.server import Page
 
 SMALL = Rate(at_once=3, a_second=2.0)
@@ -91,7 +91,7 @@ def test_a_flood_of_the_metrics_is_refused_and_counted_and_ends_by_itself() -> N
 def test_a_flood_of_the_page_is_refused_and_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(gate, "RATE", SMALL)
+    monkeypatch.setattr(connections, "RATE", SMALL)
     told: list[str] = []
     page = Page(
         ("127.0.0.1", 0),

@@ -18,8 +18,8 @@ from websockets.sync.client import ClientConnection, connect
 from imud.flash.firmware import Firmware
 from imud.web.logs import LogFolder
 from imud.web.server import Page
+from imud.web.session import PortDesk
 from imud.web.users import Users
-from imud.web.visit import PortDesk
 
 PATIENCE_S = 30.0
 WRONG = "wrong"

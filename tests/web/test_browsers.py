@@ -16,8 +16,8 @@ from imud.roles import Role
 from imud.web.browser import HEARTBEAT_S, WAITING_MAX, WINDOW
 from imud.web.logs import LogFolder
 from imud.web.server import Page
+from imud.web.session import ASKS_MAX, LOGINS_MAX
 from imud.web.users import KeyUsers, TokenHolder
-from imud.web.visit import ASKS_MAX, LOGINS_MAX
 from web.served import WRONG, Served, until
 
 

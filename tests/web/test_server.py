@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 
 import length
 from imud import serving
-from imud.web import gate, server, visit
+from imud.web import connections, server, session
 from imud.web.server import MESSAGE_MAX
 from web.served import PATIENCE_S, Served, until
 
@@ -130,7 +130,7 @@ def test_a_fault_of_ours_is_one_line_and_a_count_and_ends_one_browser(
         raise ArithmeticError("made up")
 
     with monkeypatch.context() as patched:
-        patched.setattr(visit.Visit, "hear", fail)
+        patched.setattr(session.BrowserSession, "handle", fail)
         for count in (1, 2):
             with served.live() as browser:
                 browser.say(do="logs", id=1)
@@ -180,7 +180,7 @@ def test_a_connection_that_never_spoke_is_no_refusal(served: Served) -> None:
 
 @pytest.mark.long
 def test_very_many_connections_are_cut_off_at_the_limit(served: Served) -> None:
-    count = length.choose(everyday=2 * gate.CONNECTIONS_MAX, long=1000)
+    count = length.choose(everyday=2 * connections.CONNECTIONS_MAX, long=1000)
     host, _, port = served.host.partition(":")
     with served.live() as browser, contextlib.ExitStack() as stack:
         for _ in range(count):
@@ -188,7 +188,9 @@ def test_very_many_connections_are_cut_off_at_the_limit(served: Served) -> None:
             with contextlib.suppress(ConnectionResetError):
                 end = socket.create_connection((host, int(port)), PATIENCE_S)
                 stack.callback(end.close)
-        served.until_refused("connections", max(1, count - 5 * gate.CONNECTIONS_MAX))
+        served.until_refused(
+            "connections", max(1, count - 5 * connections.CONNECTIONS_MAX)
+        )
         served.say(1)
         assert browser.next("pose")["number"] == 1
     until(lambda: _serves(served))
@@ -202,7 +204,7 @@ def _serves(served: Served) -> bool:
 
 def test_the_number_of_browsers_is_limited(served: Served) -> None:
     with contextlib.ExitStack() as stack:
-        for _ in range(gate.BROWSERS_MAX):
+        for _ in range(connections.BROWSERS_MAX):
             stack.enter_context(served.live())
         with pytest.raises(InvalidStatus) as refused, served.live():
             pass

@@ -26,8 +26,8 @@ from imud.net.network import read_credentials
 from imud.web.bodies import line_of
 from imud.web.feed import BODY
 from imud.web.server import Page
+from imud.web.session import Answer
 from imud.web.users import TOPICS, TokenHolder
-from imud.web.visit import Answer
 
 FRAME_S = 1 / 60
 IDLE_S = 0.1

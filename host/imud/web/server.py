@@ -26,17 +26,17 @@ from imud.flash.firmware import Firmware
 from imud.serving import ServerThread, faults, listen
 from imud.throttle import Throttle
 from imud.version import version
-from imud.web import doors, gate
+from imud.web import connections, responses
 from imud.web.browser import Browser
+from imud.web.connections import Connection, Connections, OnNotice
 from imud.web.feed import CALIBRATION, UPDATE, Feed, Key
 from imud.web.files import Files
-from imud.web.gate import Connection, Gate, OnNotice
 from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
 from imud.web.playing import Players
+from imud.web.session import BrowserSession, OnAsk, PortDesk, SessionContext
 from imud.web.updater import Updates
 from imud.web.users import Everybody, Users
-from imud.web.visit import Host, OnAsk, PortDesk, Visit
 from imud.wire import schema
 
 MESSAGE_MAX = 16 * 1024  # bytes from a browser: a command with its parameters
@@ -81,7 +81,7 @@ class Page:
         self._address = address
         self._origins = frozenset(origins)
         self._feed = Feed()
-        self._gate = Gate(on_notice)
+        self._connections = Connections(on_notice)
         page = {"type": "page", "imud": version(), **(about or {})}
         users = users or Everybody()
         self._guides = Guides(self._feed, self._ask, partial(self._tell, CALIBRATION))
@@ -89,8 +89,8 @@ class Page:
         if firmware is not None:
             told = partial(self._tell, UPDATE)
             self._updates = Updates(firmware, self._feed, self._ask, told)
-        self._host = Host(
-            *(self._gate, self._feed, users, on_ask, page),
+        self._context = SessionContext(
+            *(self._connections, self._feed, users, on_ask, page),
             *(self._guides, Players(), logs, ports, self._updates),
         )
         self._on_ask = on_ask
@@ -113,15 +113,17 @@ class Page:
     @property
     def refused(self) -> Mapping[str, int]:
         """How many requests and messages were refused so far, by reason."""
-        return self._gate.refused
+        return self._connections.refused
 
     def start(self) -> None:
         """Listens, then serves in a thread; ListenFailed where that is not possible."""
-        throttle = Throttle(gate.RATE, partial(self._gate.refuse_peer, "rate"))
+        throttle = Throttle(
+            connections.RATE, partial(self._connections.refuse_peer, "rate")
+        )
         self._thread.start(
             listen(
                 *(self._address, "the page", "--page or [web] listen"),
-                *(gate.CONNECTIONS_MAX, throttle),
+                *(connections.CONNECTIONS_MAX, throttle),
             )
         )
 
@@ -157,13 +159,15 @@ class Page:
             sock=listening,
             process_request=self._request,
             # A class to the library, which only calls it.
-            create_connection=cast(type[ServerConnection], self._gate.connection),
+            create_connection=cast(
+                type[ServerConnection], self._connections.connection
+            ),
             compression=None,
             server_header=None,
             open_timeout=HANDSHAKE_S,
             close_timeout=CLOSE_S,
             max_size=MESSAGE_MAX,
-            logger=gate.quiet,
+            logger=connections.quiet,
         ):
             yield
             await self._guides.close()
@@ -203,57 +207,59 @@ class Page:
         """The answer to a request; None lets the WebSocket's handshake continue."""
         if isinstance(connection, Connection):
             connection.is_answered = True
-        if (found := doors.refusal(request, self._origins)) is not None:
+        if (found := responses.refusal(request, self._origins)) is not None:
             return self._refused(connection, *found)
-        path = doors.path_of(request)
-        if path in (doors.SOCKET, doors.STREAM):
-            if len(self._browsers) < gate.BROWSERS_MAX:
+        path = responses.path_of(request)
+        if path in (responses.SOCKET, responses.STREAM):
+            if len(self._browsers) < connections.BROWSERS_MAX:
                 return None
             busy = HTTPStatus.SERVICE_UNAVAILABLE
             return self._refused(connection, "browsers", busy)
         file = self._files.get(path)
         if file is None:
             return self._refused(connection, "path", HTTPStatus.NOT_FOUND)
-        return doors.file_answer(request, file)
+        return responses.file_response(request, file)
 
     def _refused(
         self, connection: ServerConnection, reason: str, status: HTTPStatus
     ) -> Response:
-        self._gate.refuse(reason, connection)
-        return doors.answer(status, gate.REASONS[reason])
+        self._connections.refuse(reason, connection)
+        return responses.text_response(status, connections.REASONS[reason])
 
     async def _talk(self, connection: ServerConnection) -> None:
         """Serves one browser, or program, until it leaves."""
         request = connection.request
-        if request is not None and doors.path_of(request) == doors.STREAM:
+        if request is not None and responses.path_of(request) == responses.STREAM:
             with contextlib.suppress(ConnectionClosed):
                 await connection.send(STREAM_HEAD, text=True)
             browser, send = Browser(window=None), partial(connection.send, text=True)
         else:
             browser, send = Browser(), partial(connection.send, text=False)
-        visit = Visit(self._host, connection, browser, next(self._numbers))
+        session = BrowserSession(
+            self._context, connection, browser, next(self._numbers)
+        )
         self._browsers.add(browser)
         self._feed.is_watched = True
         writing = asyncio.create_task(browser.write(send))
         try:
             async for message in connection:
-                await visit.hear(message)
+                await session.handle(message)
         except ConnectionClosed as closed:
             if (
                 closed.sent is not None
                 and closed.sent.code == CloseCode.MESSAGE_TOO_BIG
             ):
-                self._gate.refuse("oversized", connection)
+                self._connections.refuse("oversized", connection)
         except msgspec.MsgspecError:
-            self._gate.refuse("malformed", connection)
+            self._connections.refuse("malformed", connection)
             await connection.close(CloseCode.POLICY_VIOLATION)
         except Exception as fault:  # noqa: BLE001 - of ours: this browser's alone
-            self._gate.refuse("fault", connection)
+            self._connections.refuse("fault", connection)
             faults.tell(fault)
             await connection.close(CloseCode.INTERNAL_ERROR)
         finally:
             writing.cancel()
             await asyncio.wait([writing])
-            await visit.close()
+            await session.close()
             self._browsers.discard(browser)
             self._feed.is_watched = bool(self._browsers)

@@ -76,13 +76,13 @@ def path_of(request: Request) -> str:
     return urlsplit(request.path).path if request.path.startswith("/") else ""
 
 
-def answer(status: HTTPStatus, words: str = "") -> Response:
-    """A short reply in words."""
+def text_response(status: HTTPStatus, words: str = "") -> Response:
+    """A response of one line of text."""
     body = f"{words or status.phrase}\n".encode()
     return _response(status, "text/plain; charset=utf-8", body, {})
 
 
-def file_answer(request: Request, file: File) -> Response:
+def file_response(request: Request, file: File) -> Response:
     """The file, packed where the browser can unpack it; nothing if it has it."""
     more = {"ETag": file.tag, "Vary": "Accept-Encoding"}
     if file.tag in _all(request.headers, "If-None-Match"):

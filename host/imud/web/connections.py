@@ -46,7 +46,7 @@ quiet.addHandler(logging.NullHandler())
 quiet.propagate = False
 
 
-class Gate:
+class Connections:
     """The connections that are open, and what was refused since the start."""
 
     def __init__(self, on_notice: OnNotice) -> None:
@@ -67,7 +67,7 @@ class Gate:
         text = f"page: refused {client}: {REASONS[reason]}"
         self._on_notice(("page", reason), text, True)
 
-    def enter(self, connection: Connection) -> bool:
+    def add(self, connection: Connection) -> bool:
         """Whether there is room for another connection."""
         if len(self._open) >= CONNECTIONS_MAX:
             self.refuse("connections", connection)
@@ -75,7 +75,7 @@ class Gate:
         self._open.add(connection)
         return True
 
-    def leave(self, connection: Connection) -> None:
+    def remove(self, connection: Connection) -> None:
         if connection not in self._open:
             return
         self._open.discard(connection)
@@ -89,17 +89,17 @@ class Gate:
 
 
 class Connection(ServerConnection):
-    """A connection that goes through a gate."""
+    """A connection that is counted."""
 
-    def __init__(self, gate: Gate, *arguments: Any, **named: Any) -> None:
+    def __init__(self, connections: Connections, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._gate = gate
+        self._connections = connections
         self.has_spoken = False
         self.is_answered = False  # its request was read
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        if not self._gate.enter(self):
+        if not self._connections.add(self):
             self.transport.abort()
 
     def data_received(self, data: bytes) -> None:
@@ -107,5 +107,5 @@ class Connection(ServerConnection):
         super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._gate.leave(self)
+        self._connections.remove(self)
         super().connection_lost(exc)

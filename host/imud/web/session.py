@@ -14,8 +14,8 @@ from websockets.frames import CloseCode
 from imud.errors import ImudError
 from imud.flash.firmware import Firmware
 from imud.web.browser import Browser
+from imud.web.connections import Connections
 from imud.web.feed import CALIBRATION, Feed
-from imud.web.gate import Gate
 from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
 from imud.web.messages import (
@@ -60,10 +60,10 @@ class PortDesk(Protocol):
     def release(self, name: str) -> bool: ...
 
 
-class Host(msgspec.Struct, frozen=True):
-    """State shared by all visits."""
+class SessionContext(msgspec.Struct, frozen=True):
+    """State shared by all sessions."""
 
-    gate: Gate
+    connections: Connections
     feed: Feed
     users: Users
     on_ask: OnAsk
@@ -75,18 +75,18 @@ class Host(msgspec.Struct, frozen=True):
     updates: Updates | None = None  # None: so are its boards
 
 
-class Visit:
+class BrowserSession:
     """Belongs to the server's loop."""
 
     def __init__(
         self,
-        host: Host,
+        context: SessionContext,
         connection: ServerConnection,
         browser: Browser,
         number: int,
     ) -> None:
         """`number`: of the browser, by which others know it."""
-        self._host = host
+        self._context = context
         self._connection = connection
         self._loop = asyncio.get_running_loop()
         self._grant = NOTHING
@@ -96,7 +96,7 @@ class Visit:
         self.browser = browser
         self._user = ""
         self._number = number
-        self.admit(host.users.at_first())
+        self.admit(context.users.at_first())
 
     def admit(self, grant: Grant) -> None:
         """Tells the browser what it may do, and what is known by now."""
@@ -104,7 +104,7 @@ class Visit:
         self.browser.grant(grant.reads)
         self.browser.say(
             {
-                **self._host.about,
+                **self._context.about,
                 "role": grant.role,
                 "who": self._who,
                 "reads": sorted(grant.reads),
@@ -115,14 +115,14 @@ class Visit:
                 "playing": self._playing.name if self._playing else None,
             }
         )
-        self.browser.put(self._host.feed.last())
+        self.browser.put(self._context.feed.last())
 
     @property
     def _who(self) -> str:
         """By what others are told whose command it was."""
         return f"{self._user or 'page'} ({self._number})"
 
-    async def hear(self, message: str | bytes) -> None:
+    async def handle(self, message: str | bytes) -> None:
         """Acts on a message; MsgspecError if it is none of ours."""
         request = decode(message)
         if isinstance(request, Seen):
@@ -155,12 +155,12 @@ class Visit:
             await self._playing.stop()
 
     async def _play(self, request: Play) -> None:
-        logs, players = self._host.logs, self._host.players
+        logs, players = self._context.logs, self._context.players
         reason = "" if logs is not None and self._has_logs() else "role"
         if self._playing is None and not reason and players.is_full:
             reason = "busy"
         if logs is None or reason:
-            self._host.gate.refuse(reason, self._connection)
+            self._context.connections.refuse(reason, self._connection)
             words = "too many logs are being played" if reason == "busy" else NO_LOGS
             self._say_answer(request.id, b"", words)
             return
@@ -192,16 +192,16 @@ class Visit:
         self.admit(self._grant)
 
     def _has_logs(self) -> bool:
-        return self._host.logs is not None and self._grant.logs
+        return self._context.logs is not None and self._grant.logs
 
     async def _tell_logs(self, request: Logs | Read) -> None:
-        logs = self._host.logs
+        logs = self._context.logs
         if logs is None or not self._has_logs():
-            self._host.gate.refuse("role", self._connection)
+            self._context.connections.refuse("role", self._connection)
             self._say_answer(request.id, b"", NO_LOGS)
             return
         if self.browser.answers >= ASKS_MAX:
-            self._host.gate.refuse("busy", self._connection)
+            self._context.connections.refuse("busy", self._connection)
             self._say_answer(request.id, b"", TOO_MUCH)
             return
         try:
@@ -216,16 +216,16 @@ class Visit:
 
     def _offered(self) -> tuple[Firmware, ...]:
         """Images for the page's button; none where it can't be pressed."""
-        updates = self._host.updates
+        updates = self._context.updates
         return updates.offered if updates and self._grant.may_update else ()
 
     def _has_ports(self) -> bool:
-        return self._host.ports is not None and bool(self._grant.commands)
+        return self._context.ports is not None and bool(self._grant.commands)
 
     async def _tell_ports(self, request: Ports | Adopt) -> None:
-        ports = self._host.ports
+        ports = self._context.ports
         if ports is None or not self._has_ports():
-            self._host.gate.refuse("role", self._connection)
+            self._context.connections.refuse("role", self._connection)
             self._say_answer(request.id, b"", NO_PORTS)
             return
         try:
@@ -241,10 +241,10 @@ class Visit:
 
     async def _calibrate(self, request: Calibrate) -> None:
         if not (self._grant.commands and CALIBRATION in self._grant.reads):
-            self._host.gate.refuse("role", self._connection)
+            self._context.connections.refuse("role", self._connection)
             self._say_answer(request.id, b"", "your role may not calibrate")
             return
-        guides = self._host.guides
+        guides = self._context.guides
         try:
             if request.kind == "stop":
                 await guides.stop(request.probe)
@@ -258,9 +258,9 @@ class Visit:
             self._say_answer(request.id, b"true", "")
 
     def _update(self, request: Update) -> None:
-        updates = self._host.updates
+        updates = self._context.updates
         if updates is None or not self._grant.may_update:
-            self._host.gate.refuse("role", self._connection)
+            self._context.connections.refuse("role", self._connection)
             self._say_answer(request.id, b"", NO_UPDATES)
             return
         try:
@@ -274,7 +274,7 @@ class Visit:
         reason = "" if self._grant.may_send(asked.command) else "role"
         reason = reason or ("busy" if self._asking >= ASKS_MAX else "")
         if reason:
-            self._host.gate.refuse(reason, self._connection)
+            self._context.connections.refuse(reason, self._connection)
             words = "your role may not send commands"
             words = TOO_MUCH if reason == "busy" else words
             self._say_answer(asked.id, b"", words)
@@ -287,7 +287,7 @@ class Visit:
             except RuntimeError:
                 return  # the server has ended
 
-        self._host.on_ask(
+        self._context.on_ask(
             asked.probe, asked.command, dict(asked.parameters), answer, self._who
         )
 
@@ -301,12 +301,12 @@ class Visit:
         self.browser.say(reply)
 
     async def _log_in(self, request: Login) -> None:
-        grant = self._host.users.log_in(request.user, request.secret)
+        grant = self._context.users.log_in(request.user, request.secret)
         if grant is not None:
             self._user = request.user
             self.admit(grant)
             return
-        self._host.gate.refuse("login", self._connection)
+        self._context.connections.refuse("login", self._connection)
         self._failed_logins += 1
         # Nothing else of this browser is read meanwhile.
         await asyncio.sleep(LOGIN_PAUSE_S)
