@@ -21,7 +21,7 @@ from imud.config.settings import ZenohSettings, listens_on
 from imud.defaults import ENDPOINT
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 from imud.net import access
-from imud.net.doorman import Doorman, OnRefused, guarded
+from imud.net.guard_process import GuardProcess, OnRefused, guarded
 from imud.roles import Role
 from imud.text_file import read_text
 
@@ -115,23 +115,23 @@ def new_id() -> str:
 
 def open_guarded(
     settings: ZenohSettings, own_id: str, on_refused: OnRefused
-) -> tuple[zenoh.Session, Doorman | None]:
+) -> tuple[zenoh.Session, GuardProcess | None]:
     """open_daemon(), with a guard in front of its TLS endpoints, if it has any."""
     listen = listens_on(settings)
     outside = guarded(listen) if settings.keys else []
     if not outside:
         return open_daemon(settings, own_id), None
-    doorman = Doorman(outside, on_refused)
+    guard = GuardProcess(outside, on_refused)
     try:
         others = (each for each in listen if each not in outside)
-        inside = (*others, doorman.endpoint)
+        inside = (*others, guard.endpoint)
         changed = msgspec.structs.replace(settings, listen=inside)
         session = open_daemon(changed, own_id)
-        doorman.wait_ready()
+        guard.wait_ready()
     except BaseException:
-        doorman.close()
+        guard.close()
         raise
-    return session, doorman
+    return session, guard
 
 
 def open_daemon(settings: ZenohSettings, own_id: str) -> zenoh.Session:

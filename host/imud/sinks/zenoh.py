@@ -13,7 +13,7 @@ from imud.config.settings import ZenohSettings
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
-from imud.net.doorman import Doorman
+from imud.net.guard_process import GuardProcess
 from imud.net.presence import is_probe_gone, is_probe_here, is_probe_there
 from imud.net.publishers import Publisher, declare_publisher
 from imud.net.queries import OnCommand, Queries
@@ -65,7 +65,7 @@ class ZenohSink:
         self._on_body = on_body
         self._bodies: zenoh.Subscriber[None] | None = None
         self._session: zenoh.Session | None = None
-        self._doorman: Doorman | None = None
+        self._guard: GuardProcess | None = None
         self._is_guest = network.is_guest(settings)
         self._where = ", ".join(settings.connect)
         self._is_joined: bool | None = None  # with `connect`; None: not tried yet
@@ -89,16 +89,16 @@ class ZenohSink:
     @property
     def refused(self) -> Mapping[str, int]:
         """Connections that the guard of its TLS port has refused."""
-        return {"tls": self._doorman.refused} if self._doorman is not None else {}
+        return {"tls": self._guard.refused} if self._guard is not None else {}
 
     def name_of(self, text: str) -> str:
         """The text with the true addresses of who is connected through the guard."""
-        return self._doorman.name_of(text) if self._doorman is not None else text
+        return self._guard.name_of(text) if self._guard is not None else text
 
     def _open(self) -> zenoh.Session:
         session = self._inherited()
         if session is None:
-            session, self._doorman = network.open_guarded(
+            session, self._guard = network.open_guarded(
                 self._settings, self._id, self._tell_refused
             )
         self._session, self._before = session, None
@@ -118,7 +118,7 @@ class ZenohSink:
         before = self._before or self
         session, before._left = before._left, None
         if before is not self:
-            self._doorman, before._doorman = before._doorman, None
+            self._guard, before._guard = before._guard, None
         return session
 
     def try_write(self, record: Record | Presence) -> bool:
@@ -210,9 +210,9 @@ class ZenohSink:
         self._links = self._bodies = None
         if session is not None:
             session.close()
-        if self._doorman is not None and self._left is None:
-            self._doorman.close()
-            self._doorman = None
+        if self._guard is not None and self._left is None:
+            self._guard.close()
+            self._guard = None
 
     def _undeclare(self) -> None:
         """Leaves nothing of its own in a session that another sink takes over."""

@@ -17,10 +17,10 @@ from fakes import PATIENCE_S
 from guarded import Guarded
 from imud.client import Client
 from imud.endpoint import host_and_port, network_of
-from imud.net import doorman
-from imud.net.guard import UNFINISHED_OF_ONE
-from imud.net.strangers import (
+from imud.net import guard_process
+from imud.net.guard import (
     FAILURES,
+    UNFINISHED_OF_ONE,
     WAIT_KNOWN_S,
     WAIT_MAX_S,
     Address,
@@ -134,8 +134,8 @@ def test_a_network_of_ipv6_counts_as_one_address() -> None:
 def test_of_many_who_came_the_newest_names_are_known(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(doorman, "KNOWN_MAX", 3)
-    made = doorman.Doorman([], lambda *_: None)
+    monkeypatch.setattr(guard_process, "KNOWN_MAX", 3)
+    made = guard_process.GuardProcess([], lambda *_: None)
     try:
         for each in range(5):
             made._hear(["came", f"127.0.0.1:{5000 + each}", f"192.0.2.1:{each}"])

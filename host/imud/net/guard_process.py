@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Starts the guard in front of Zenoh's TLS ports, and hears from it who is who."""
+"""The process that guards Zenoh's TLS ports: its start, and its reports."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LOCAL = re.compile(r"127\.0\.0\.1:\d+")
 OnRefused = Callable[[str, str], None]
 
 
-class Doorman:
+class GuardProcess:
     """Listens on TLS endpoints in Zenoh's place; close() ends that.
 
     ListenFailed where an address is taken, ConfigError where it is none.
@@ -59,7 +59,7 @@ class Doorman:
         self.refused = 0  # connections so far
         self.port = _free_port()
         self._thread = threading.Thread(
-            target=self._run, name="imud-doorman", daemon=True
+            target=self._run, name="imud-guard", daemon=True
         )
         self._thread.start()
 
