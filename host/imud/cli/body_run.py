@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Joins the poses of many daemons to a body, publishes and prints its state."""
+"""Joins the poses of many daemons to a body; prints its state as lines or JSON, and
+publishes it, also as a ROS 2 node (JointState and /tf, as rmw_zenoh expects them).
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,9 @@ import contextlib
 import math
 import queue
 import signal
+import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -18,17 +21,129 @@ import zenoh
 
 from imud.body import chain
 from imud.body.live import LiveBody
-from imud.body.state import BodyState
-from imud.cli.body_print import Printer
-from imud.cli.body_ros2 import Ros2Body
+from imud.body.state import BodyState, JointState
 from imud.client import Client, Delivery, Pose, Raw
 from imud.errors import ConfigError
 from imud.log.file import Settings
 from imud.net import network
 from imud.net.access import BODIES, BODY_STATE
 from imud.probes.record import Record
+from imud.ros2 import cdr, topics
+from imud.ros2.cdr import Transform
+from imud.ros2.publisher import RosPublisher
+from imud.ros2.topics import Node, Topic
 from imud.sinks.log import FLUSH_S, LogSink
+from imud.sinks.ros2 import TF, RosMessage
 from imud.text_file import read_text
+
+PRINT_S = 1.0
+
+
+class Printer:
+    """Prints what the person should do, what is missing, and the angles."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self._as_json = as_json
+        self._instruction: str | None = None
+        self._missing: tuple[str, ...] = ()
+        self._remarks: set[str] = set()
+        self._printed_s = 0.0
+
+    def put(self, state: BodyState, payload: bytes) -> None:
+        if self._as_json:
+            self._print(payload.decode())
+            return
+        if state.instruction != self._instruction:
+            self._instruction = state.instruction
+            self._print(
+                f"{state.body}: {state.instruction or 'aligned; move as you like'}"
+            )
+        for remark in state.remarks:
+            if remark not in self._remarks:
+                self._remarks.add(remark)
+                self._print(f"{state.body}: {remark}")
+        if state.stage != "running":
+            return
+        if state.missing != self._missing:
+            self._missing = state.missing
+            away = [f"{s.name} {s.presence}" for s in state.segments]
+            away = [s for s in away if not s.endswith(" ok")]
+            self._print(f"{state.body}: {', '.join(away) or 'all probes are present'}")
+        time_s = state.t_ns * 1e-9
+        if time_s - self._printed_s >= PRINT_S:
+            self._printed_s = time_s
+            self._print("  ".join(map(line_of, state.joints)))
+
+    def close(self) -> None:
+        """Nothing to do: each line is out."""
+
+    def _print(self, text: str) -> None:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+
+
+def line_of(joint: JointState) -> str:
+    """The angles of a joint and their errors, degrees."""
+    if joint.angles_deg is None or joint.sigmas_deg is None:
+        return f"{joint.child}: unknown"
+    parts = [
+        f"{name} {angle:.0f}±{joint.sigmas_deg[name]:.0f}"
+        for name, angle in joint.angles_deg.items()
+    ]
+    return f"{joint.child}: {' '.join(parts)}"
+
+
+NODE = "imud_body"
+
+
+def messages(state: BodyState) -> Iterator[RosMessage]:
+    """The ROS 2 messages of a state, without missing joints and segments."""
+    body = topics.ros_name(state.body)
+    names, angles = [], []
+    for joint in state.joints:
+        for name, angle in (joint.angles_deg or {}).items():
+            names.append(topics.ros_name(f"{joint.child}_{name}"))
+            angles.append(math.radians(angle))
+    if names:
+        data = cdr.joint_state(state.t_ns, body, names, angles)
+        yield joint_topic(state.body), data
+    parts = [
+        Transform(body, topics.ros_name(f"{state.body}_{s.name}"), s.start_m, s.q)
+        for s in state.segments
+        if s.start_m is not None and s.q is not None
+    ]
+    if parts:
+        yield TF, cdr.transforms(state.t_ns, parts)
+
+
+def joint_topic(body: str) -> Topic:
+    return Topic(f"/imud/body/{topics.ros_name(body)}/joint_states", topics.JOINT_STATE)
+
+
+class Ros2Body:
+    """The node, in a Zenoh session of its own."""
+
+    def __init__(self, endpoint: str, keys: Path | None, domain: int) -> None:
+        mine = network.read_credentials(keys) if keys is not None else None
+        self._session = network.open_node((endpoint,), mine)
+        self._node = Node(domain, str(self._session.zid()), NODE)
+        self._token = self._session.liveliness().declare_token(self._node.token)
+        self._publishers: dict[str, RosPublisher] = {}
+
+    def put(self, state: BodyState, payload: bytes) -> None:  # noqa: ARG002 - a sink's
+        # Announced before the first message, so that readers can wait for it.
+        for topic in (joint_topic(state.body), TF):
+            if topic.name not in self._publishers:
+                number = 1 + len(self._publishers)
+                self._publishers[topic.name] = RosPublisher(
+                    self._session, self._node, number, topic
+                )
+        for topic, data in messages(state):
+            self._publishers[topic.name].put(data)
+
+    def close(self) -> None:
+        self._session.close()
+
 
 WAITING_MAX = 20_000  # messages, of many probes in seconds
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""`imud check` at work: it measures, asks, judges, and writes the report."""
+"""`imud check` at work: it measures, asks, judges; prints the table, and writes the
+report.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +14,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
 from imud.calibration.recording import Sample
 from imud.check import report
 from imud.check.axes import ASKED, TIMEOUT_S, PoseGuide
@@ -19,14 +25,53 @@ from imud.check.chips import is_dead
 from imud.check.evidence import Evidence, Posed
 from imud.check.judge import judged
 from imud.check.readings import MG, rest_of
-from imud.check.rows import Row, RowVerdict, overall
+from imud.check.rows import Row, RowVerdict, overall, summary
 from imud.check.touch import led_words
-from imud.cli import check_source, check_text
+from imud.cli import check_source
 from imud.cli.calibrate_source import scale_of
 from imud.cli.check_screen import CheckScreen
 from imud.cli.check_source import LiveMessages
 from imud.cli.keyboard import Quit
 from imud.errors import FileError
+
+STYLES = {
+    RowVerdict.GOOD: "green",
+    RowVerdict.LOOK: "yellow",
+    RowVerdict.FAULT: "bold red",
+    RowVerdict.SKIPPED: "dim",
+}
+PIPE_COLUMNS = 160  # where there is no terminal
+
+
+def write(title: str, rows: Sequence[Row]) -> None:
+    """Prints the table, what to do, and the verdict."""
+    console = Console(file=sys.stdout, highlight=False)
+    if not console.is_terminal:
+        console = Console(file=sys.stdout, highlight=False, width=PIPE_COLUMNS)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("check", "measured", "normal", "verdict"):
+        table.add_column(name, no_wrap=name == "verdict", overflow="fold")
+    for row in rows:
+        style = STYLES[row.verdict]
+        table.add_row(
+            Text(row.name),
+            Text(row.measured),
+            Text(row.normal, style="dim"),
+            Text(str(row.verdict), style=style),
+        )
+    console.print(Text(title, style="bold"))
+    console.print(table)
+    advised = [row for row in rows if row.advice]
+    if advised:
+        console.print(Text("\nWhat to do", style="bold"))
+        for row in advised:
+            line = Text(f"{row.name}: ", style=STYLES[row.verdict])
+            console.print(line.append(row.advice, style="default not bold"))
+    found = overall(rows)
+    console.print()
+    line = Text("verdict: ").append(str(found), style=STYLES[found])
+    console.print(line.append(f" ({summary(rows)})", style="default not bold"))
+
 
 # Without samples, how long to wait for the probe's messages about it.
 DEAD_S = 6.0
@@ -182,7 +227,7 @@ def publish(
     if args.json:
         sys.stdout.write(json.dumps(found, separators=(",", ":")) + "\n")
     else:
-        check_text.write(title, rows)
+        write(title, rows)
     for path in _write(args.report, found):
         if not args.json:
             sys.stdout.write(f"report: {path}\n")

@@ -1,23 +1,108 @@
 # SPDX-License-Identifier: MIT
-"""Carries out commands: binds a function to each handler of `imud/commands.py`."""
+"""Carries out commands: a function for each handler of `imud/commands.py`, and those of
+`mark`, `aim` and `capture`.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, assert_never
 
 import msgspec
 
 from imud.commands import COMMANDS, LENT_MAX_S, Handler
-from imud.daemon.aiming import aim_at, capture
 from imud.daemon.commands import Commander, arguments_of
 from imud.daemon.intake import Intake
-from imud.daemon.marking import mark
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import HistoryFiles
+from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, ImudError
 from imud.net.queries import Answer
+from imud.probes.aim import Aim, Target
+from imud.probes.mark import mark_of
 from imud.probes.timeline import host_ns
+
+MARK = COMMANDS["mark"]
+TEXT_MAX = MARK.argument("text").length_max or 0
+# An older pose does not tell where the probe is now.
+AGE_MAX_NS = 1_000_000_000
+
+
+def mark(
+    entry: ProbeEntry, parameters: Mapping[str, str], now_ns: int
+) -> dict[str, Any]:
+    """The mark at the pose of a probe at the host's time `now_ns`; CommandRefused if
+    it is none.
+    """
+    value, text = _value(parameters.get("value")), parameters.get("text", "")
+    is_known = not parameters.keys() - MARK.argument_names
+    if not is_known or (value is None and not text) or len(text) > TEXT_MAX:
+        raise CommandRefused(MARK.usage)
+    scales = entry.probe.scales
+    pose = _pose_now(entry, now_ns)
+    return mark_of(pose, scales.params, entry.closer.sigma_m, value, text)
+
+
+def _pose_now(entry: ProbeEntry, now_ns: int) -> Mapping[str, Any]:
+    """Empty: there is none, or the last one is too old."""
+    return entry.pose if now_ns - entry.pose_ns < AGE_MAX_NS else {}
+
+
+def _value(text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise CommandRefused(MARK.usage) from error
+    if not math.isfinite(value):
+        raise CommandRefused(MARK.usage)
+    return value
+
+
+AIM = COMMANDS["aim"]
+NAME_MAX = AIM.argument("target").length_max or 0
+
+
+def aim_at(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any] | None:
+    """Sets or removes the target of a probe, and returns it; CommandRefused if the
+    parameters are wrong.
+    """
+    if parameters == {"off": "1"}:
+        entry.aim = None
+        return None
+    unknown = parameters.keys() - {*Target.__struct_fields__}
+    given: dict[str, Any] = dict(parameters)
+    try:
+        q = [float(part) for part in given.pop("q", "").split(",")]
+        length = math.hypot(*q)
+        given["q"] = [part / length for part in q]
+        target = msgspec.convert(given, Target, strict=False)
+    except (ValueError, ZeroDivisionError, msgspec.ValidationError) as error:
+        raise CommandRefused(AIM.usage) from error
+    limits = (length, target.tolerance_deg, target.hold_s)
+    if unknown or not all(map(math.isfinite, limits)) or len(target.target) > NAME_MAX:
+        raise CommandRefused(AIM.usage)
+    entry.aim = Aim(target)
+    found: dict[str, Any] = msgspec.to_builtins(target)
+    return found
+
+
+def capture(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any]:
+    """Keeps the present orientation of a probe as a reference. Returns it, and the name
+    by which `aim` takes it up; CommandRefused if there is no pose.
+    """
+    if parameters:
+        raise CommandRefused("capture takes no arguments")
+    name = entry.probe.references.capture()
+    if not entry.pose:
+        raise CommandRefused(
+            f"probe {entry.name} has sent no pose; start it with imud start"
+        )
+    keys = "q", "t_device_us", "t_ns"
+    return {key: entry.pose[key] for key in keys} | {"capture": name}
+
 
 Parameters = Mapping[str, str]
 

@@ -10,14 +10,38 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence, Set
 from itertools import islice
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from imud.daemon.lane_counts import LaneCounts
 from imud.probes.balance import SinkCounts
 from imud.probes.record import Presence, Record
+
+
+class LaneCounts(NamedTuple):
+    """Records of one sink: taken by probe and topic, the others by probe."""
+
+    taken: defaultdict[str, Counter[str]]
+    dropped: Counter[str]
+    earlier: Counter[str]  # put before there was such a sink
+
+    @staticmethod
+    def none() -> LaneCounts:
+        return LaneCounts(defaultdict(Counter), Counter(), Counter())
+
+    def after(self, before: LaneCounts, names: Mapping[str, str]) -> LaneCounts:
+        """These counts and those before them; `names` are old and new names."""
+        total = LaneCounts.none()
+        for counts, renamed in ((self, {}), (before, names)):
+            for probe, by_topic in counts.taken.items():
+                total.taken[renamed.get(probe, probe)] += by_topic
+            for probe, count in counts.dropped.items():
+                total.dropped[renamed.get(probe, probe)] += count
+            for probe, count in counts.earlier.items():
+                total.earlier[renamed.get(probe, probe)] += count
+        return total
+
 
 Item = Record | Presence
 

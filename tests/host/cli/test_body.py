@@ -24,9 +24,7 @@ from imud import cli
 from imud.body import chain
 from imud.body.live import LiveBody
 from imud.body.state import BodyState
-from imud.cli.body_print import Printer, line_of
-from imud.cli.body_ros2 import joint_topic, messages
-from imud.cli.body_run import add_delivery
+from imud.cli.body_run import Printer, add_delivery, joint_topic, line_of, messages
 from imud.client import Delivery
 from imud.config.settings import ZenohSettings
 from imud.net import network

@@ -20,8 +20,7 @@ import pytest
 from chain import Chain
 from fakes import PATIENCE_S
 from imud.cli import stroke_lines
-from imud.cli.stroke_lines import line_of
-from imud.cli.stroke_path import lines_of
+from imud.cli.stroke_lines import line_of, lines_of
 from imud.client import Client
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS

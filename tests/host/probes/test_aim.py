@@ -16,7 +16,7 @@ from chain import Chain
 from imud import rotation
 from imud.client import Pose, SinceOrigin
 from imud.config import reader
-from imud.daemon.aiming import aim_at
+from imud.daemon.command_runner import aim_at
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
