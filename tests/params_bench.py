@@ -18,7 +18,7 @@ from imud.daemon.commands import Commander
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.daemon.params_change import ParamsChange
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 from imud.params.parts import KINDS
 from imud.params.value import Params, ParamsRecord
 from imud.probes.session import Session
@@ -95,7 +95,7 @@ class Wire:
 
     def __init__(self, probe: FakeProbe) -> None:
         self.probe = probe
-        self.intake = Intake(Config(), Hub(), Speaker())
+        self.intake = Intake(Config(), Hub(), Journal())
         self.session: Session | None = Session(self.intake.probe, host_ns())
         self.lose: Callable[[int, bool], bool] = lambda *_: False
         self.before: Callable[[int], None] = lambda _: None  # each frame to the probe

@@ -16,7 +16,7 @@ from fakes import PATIENCE_S, FakeProbe, Port
 from imud.config.settings import Config, PortSettings
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 from imud.ports.finder import Finder
 
 
@@ -41,11 +41,11 @@ class Desk:
         self.devices: list[Device] = []
         kept = {"find": "all", "memory": str(directory / "ports.json")}
         chosen = PortSettings(**(kept | settings))
-        self.intake = Intake(Config(ports=chosen), Hub(), Speaker())
+        self.intake = Intake(Config(ports=chosen), Hub(), Journal())
         self.found: list[str] = []
         self.intake.on_found = self.found.append
         self.finder = Finder(
-            chosen, self.intake, Speaker(), listed=lambda: list(self.devices)
+            chosen, self.intake, Journal(), listed=lambda: list(self.devices)
         )
 
     def plug(self, name: str, baud: int | None = None, **about: Any) -> Port:

@@ -20,7 +20,7 @@ from imud.daemon.commands import Commander
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.daemon.params_history import HistoryFiles
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 from imud.net import access
 from imud.probes.aim import Axis, Target
 from imud.roles import Role
@@ -66,7 +66,7 @@ def test_the_document_has_no_other_command() -> None:
 
 def test_each_row_has_a_handler_that_the_daemon_binds() -> None:
     config = reader.load(None, is_logging=False)
-    intake = Intake(config, Hub(), Speaker(1.0, 1))
+    intake = Intake(config, Hub(), Journal(1.0, 1))
     history = HistoryFiles(None)
     try:
         runner = CommandRunner(

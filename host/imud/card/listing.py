@@ -12,7 +12,7 @@ from pathlib import Path
 from imud.card import disk
 from imud.card.probe_log import CONTENT, CardLog, CardRecording, find_log
 from imud.probes.boot import difference_32
-from imud.probes.speaker import NOBODY
+from imud.probes.first_hello import NOBODY
 from imud.progress import Progress
 from imud.wire import schema
 from imud.wire.frame import HELLO_ID, FrameDecoder

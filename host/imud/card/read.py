@@ -18,6 +18,7 @@ from imud.card.probe_log import CardLog, CardRecording, find_log
 from imud.errors import ConfigError, FileError
 from imud.log.file import LogFile, Settings
 from imud.log.undated import record_by_device
+from imud.probes.first_hello import first_hello, probe_in_file
 from imud.probes.ledger import totals
 from imud.probes.session import (
     OtherSchema,
@@ -25,7 +26,6 @@ from imud.probes.session import (
     Received,
     Session,
 )
-from imud.probes.speaker import introduction, speaker_of
 from imud.progress import Progress
 from imud.wire import schema
 
@@ -112,13 +112,13 @@ class _LogWriter:
 
     def write(self, recording: CardRecording) -> _Outcome:
         name = f"recording {recording.number}"
-        known = introduction(self._log.frames(recording))
+        known = first_hello(self._log.frames(recording))
         probes: dict[str, Probe] = {}
 
         def find(probe_id: str) -> Probe:
             return probes.setdefault(probe_id, Probe(probe_id))
 
-        probe = speaker_of(known, find)
+        probe = probe_in_file(known, find)
         stem = f"card-{self._log.card_id:08x}-{probe.probe_id}-{recording.number}"
         path = self._to / f"{stem}.mcap"
         if path.exists():

@@ -13,7 +13,6 @@ from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any
 
-from imud import journal
 from imud.config.settings import Config, listens_on
 from imud.daemon import names
 from imud.daemon.command_runner import CommandRunner
@@ -29,7 +28,7 @@ from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
 from imud.errors import ImudError, ListenFailed, described
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal, handler
 from imud.machine import system
 from imud.net.queries import Answer
 from imud.ports.finder import Finder
@@ -68,9 +67,9 @@ class Daemon:
         self._config = config = names.with_names(config)
         self._selector = selector  # of the loop
         self._hub = Hub()
-        self._speaker = Speaker(config.journal.quiet_s, config.journal.burst)
+        self._journal = Journal(config.journal.quiet_s, config.journal.burst)
         self._outputs = Outputs(self._hub, self._on_command, self._on_notice)
-        self._intake = Intake(config, self._hub, self._speaker)
+        self._intake = Intake(config, self._hub, self._journal)
         self._registry = self._intake.registry
         self._reports = self._intake.reports
         self._commander = Commander(self._registry)
@@ -88,7 +87,7 @@ class Daemon:
         self._notifier = Notifier()
         self._metrics: MetricsServer | None = None
         self._metrics_again_s = math.inf  # when a taken address is tried again
-        self._finder = Finder(config.ports, self._intake, self._speaker)
+        self._finder = Finder(config.ports, self._intake, self._journal)
 
     async def run(self) -> None:
         loop = asyncio.get_running_loop()
@@ -132,7 +131,7 @@ class Daemon:
     def _on_notice(self, kind: object, text: str, is_warning: bool) -> None:
         """Called in a thread of Zenoh, which may outlive the loop."""
         with contextlib.suppress(RuntimeError):
-            say = partial(self._speaker.say, kind, text, is_warning=is_warning)
+            say = partial(self._journal.write, kind, text, is_warning=is_warning)
             self._loop.call_soon_threadsafe(say)
 
     def _on_command(
@@ -191,7 +190,7 @@ class Daemon:
     def _apply(self, before: Config, config: Config) -> None:
         self._config = config
         logger.setLevel(config.journal.level.upper())
-        self._speaker.configure(config.journal.quiet_s, config.journal.burst)
+        self._journal.configure(config.journal.quiet_s, config.journal.burst)
         renamed = self._registry.configure(config)
         put = {entry.name: entry.put for entry in self._registry}
         self._outputs.apply(config, renamed, put)
@@ -261,7 +260,7 @@ class Daemon:
         fault = context.get("exception")
         words = described(fault) if isinstance(fault, Exception) else context["message"]
         text = f"internal error: {words}"
-        self._speaker.say(("fault", words), text, is_warning=True)
+        self._journal.write(("fault", words), text, is_warning=True)
 
     def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> bool:
         """Returns whether that is kept: a name is that the file has no other for."""
@@ -288,7 +287,7 @@ class Daemon:
                 await self._commander.set_up(name, settings)
         except ImudError as error:
             text = f"probe {name}: its settings can't be applied: {error}"
-            self._speaker.say(("settings", name), text, is_warning=True)
+            self._journal.write(("settings", name), text, is_warning=True)
 
     def _begin_commands(self, name: str, order: SendCommands) -> None:
         self._start(self._send_commands(name, order))
@@ -300,7 +299,7 @@ class Daemon:
                 await self._runner.run(name, command, parameters)
         except ImudError as error:
             text = f"probe {name}: {order.failure}: {error}"
-            self._speaker.say((order.failure, name), text, is_warning=True)
+            self._journal.write((order.failure, name), text, is_warning=True)
 
     def _state(self) -> str:
         """A line for `systemctl status`."""
@@ -337,8 +336,8 @@ def run(load: Callable[[], Config]) -> int:
     config = load()
     system.raise_files_limit()
     sys.setswitchinterval(SWITCH_S)
-    handler = journal.handler()
-    logger.addHandler(handler)
+    to_stderr = handler()
+    logger.addHandler(to_stderr)
     logger.setLevel(config.journal.level.upper())
     try:
         selector = GatheringSelector()
@@ -346,5 +345,5 @@ def run(load: Callable[[], Config]) -> int:
         with asyncio.Runner(loop_factory=make_loop) as runner:
             runner.run(Daemon(config, load, selector).run())
     finally:
-        logger.removeHandler(handler)
+        logger.removeHandler(to_stderr)
     return 0

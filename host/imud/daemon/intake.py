@@ -20,7 +20,7 @@ from imud.daemon.reports import Reports
 from imud.daemon.sensor_watch import follow_event, follow_status, sensor_findings
 from imud.daemon.stage_runner import StageRunner
 from imud.errors import CommandRefused
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 from imud.probes.record import equipment_of, record_of
 from imud.probes.session import (
     Event,
@@ -47,12 +47,12 @@ class Intake:
         self,
         config: Config,
         hub: Hub,
-        speaker: Speaker,
+        journal: Journal,
         make_stages: MakeStages = stages_of,
     ) -> None:
         self.registry = Registry(config, make_stages)
         self._publisher = RecordPublisher(hub)
-        self._lines = ProbeLines(speaker)
+        self._lines = ProbeLines(journal)
         self._clock = HostClock(self.registry, self._publisher, self._lines)
         log = LogWatch(self.registry, hub, self._publisher, is_on=config.log.enabled)
         self.reports = Reports(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The lines of the journal about probes. The speaker limits how often."""
+"""The lines of the journal about probes, which limits how often they come."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import logging
 
 from imud.daemon.registry import ProbeEntry, ProbePort
 from imud.defaults import PROBES_MAX
+from imud.journal.output import Journal
 from imud.journal.phrases import FAULTS, event_words, port_problem, who
-from imud.journal.speaker import Speaker
 from imud.probes.ledger import FrameVerdict
 from imud.probes.record import plain
 from imud.probes.sensors import SensorFinding
@@ -25,14 +25,14 @@ logger = logging.getLogger("imud")
 class ProbeLines:
     """One function a line."""
 
-    def __init__(self, speaker: Speaker) -> None:
-        self._speaker = speaker
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
         self._reported_others: set[tuple[object, ...]] = set()
 
     def found(self, entry: ProbeEntry, event: ProbeFound, port: ProbePort) -> None:
         entry.described = who(event.hello)
         what = "restarted" if event.is_restart else "found"
-        self._speaker.say(
+        self._journal.write(
             ("found", event.probe_id, what),
             f"probe {entry.name} {what} on {port.name}: {entry.described}",
             is_warning=event.is_restart,
@@ -44,7 +44,7 @@ class ProbeLines:
         if who(hello) != entry.described:
             entry.described = who(hello)
             text = f"probe {entry.name} is {entry.described}"
-            self._speaker.say(("who", entry.name), text)
+            self._journal.write(("who", entry.name), text)
 
     def calibration(self, entry: ProbeEntry, advice: str | None) -> None:
         """Reports what its calibration needs, when that changes. None: its params are
@@ -53,7 +53,7 @@ class ProbeLines:
         if advice is None or advice == entry.advised:
             return
         if advice or entry.advised:
-            self._speaker.say(
+            self._journal.write(
                 ("calibration", entry.name),
                 f"probe {entry.name}: {advice or 'its calibration is good'}",
             )
@@ -62,7 +62,9 @@ class ProbeLines:
     def withheld(self, entry: ProbeEntry) -> None:
         """Says why its errors are not known, once a second."""
         for words in entry.withheld.follow(withheld_of(entry.pose)):
-            self._speaker.say(("withheld", entry.name), f"probe {entry.name}: {words}")
+            self._journal.write(
+                ("withheld", entry.name), f"probe {entry.name}: {words}"
+            )
 
     def sensors(self, entry: ProbeEntry, findings: list[SensorFinding]) -> None:
         """Reports problems of its sensors, once a boot."""
@@ -70,7 +72,7 @@ class ProbeLines:
         reported = entry.reported_findings if entry.reported_boot == boot else []
         for finding in findings:
             if finding not in reported:
-                self._speaker.say(
+                self._journal.write(
                     ("sensors", entry.name, finding.words),
                     f"probe {entry.name}: {finding.words}",
                     is_warning=finding.is_fault,
@@ -87,14 +89,14 @@ class ProbeLines:
     def rejected(self, entry: ProbeEntry, event: Rejected) -> None:
         """Duplicates have no line here: `losses` counts them."""
         if event.skew is not None:
-            self._speaker.say(
+            self._journal.write(
                 ("skew", event.probe_id, event.skew.kind),
                 f"probe {entry.name}: skewed message ({event.skew.kind}): "
                 f"{event.skew.detail}",
                 is_warning=True,
             )
         elif event.verdict is not FrameVerdict.DUPLICATE:
-            self._speaker.say(
+            self._journal.write(
                 ("stray", event.probe_id),
                 f"probe {entry.name}: message out of order ignored",
                 is_warning=True,
@@ -105,7 +107,7 @@ class ProbeLines:
         name, cause = str(fields["event"]), str(fields["cause"])
         board = str(entry.probe.hello.get("board", ""))
         words = event_words(name, cause, int(fields["detail"]), board)
-        self._speaker.say(
+        self._journal.write(
             ("event", entry.name, name, cause),
             f"probe {entry.name}: {words}",
             is_warning=name in FAULTS,
@@ -122,11 +124,11 @@ class ProbeLines:
             f"{n} {word}" for n, word in zip(fresh, LOSSES, strict=True) if n > 0
         )
         kind, line = ("losses", entry.name), f"probe {entry.name}: {text}"
-        if text and self._speaker.say(kind, line, is_warning=True, is_total=True):
+        if text and self._journal.write(kind, line, is_warning=True, is_total=True):
             entry.reported_losses = counts
 
     def twice(self, entry: ProbeEntry, holder: ProbePort, port: ProbePort) -> None:
-        self._speaker.say(
+        self._journal.write(
             ("twice", entry.probe.probe_id),
             f"probe {entry.name} is on {holder.name} and also on {port.name}, which "
             "is ignored; two probes may have the same id",
@@ -134,7 +136,7 @@ class ProbeLines:
         )
 
     def no_room(self, probe_id: str) -> None:
-        self._speaker.say(
+        self._journal.write(
             "full",
             f"{PROBES_MAX} probes are the limit, so probe {probe_id} is ignored; if "
             "a device sends invented ids, unplug it and restart imud run",
@@ -146,7 +148,7 @@ class ProbeLines:
         follow = "; time stamps follow gradually" if step_ns < 0 else ""
         if is_anew:
             follow = "; time stamps jump back with it, and a new log starts"
-        self._speaker.say(
+        self._journal.write(
             "host clock",
             f"this machine's clock was set by {step_ns / 1e9:+.3f} s{follow}",
             is_warning=True,
@@ -156,10 +158,10 @@ class ProbeLines:
         words = (
             "follows UTC again" if is_so else "no longer follows UTC; see timedatectl"
         )
-        self._speaker.say("host sync", f"this machine {words}", is_warning=not is_so)
+        self._journal.write("host sync", f"this machine {words}", is_warning=not is_so)
 
     def of_stage(self, entry: ProbeEntry, stage: Stage, line: LogLine) -> None:
-        self._speaker.say(
+        self._journal.write(
             (stage.name, entry.name, line.kind),
             f"probe {entry.name}: {line.text}",
             is_warning=line.is_warning,

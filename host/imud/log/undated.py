@@ -12,9 +12,9 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from imud.log.file import LogFile, Settings
+from imud.probes.first_hello import probe_of
 from imud.probes.record import Record, record_of
 from imud.probes.session import Event, Probe, Received, Session
-from imud.probes.speaker import probe_of
 
 
 def record_by_device(event: Received, started_ns: int = 0) -> Record:

@@ -21,7 +21,7 @@ from serial.tools import list_ports
 
 from imud.config.settings import PortSettings, port_and_baud
 from imud.errors import FileError, PortLost, PortNotFound
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 from imud.ports.adapters import Listed, kind_of
 from imud.ports.adopted import AdoptedPorts, file_of
 from imud.ports.baud import Memory
@@ -67,16 +67,16 @@ class Finder:
         self,
         settings: PortSettings,
         probes: Listener,
-        speaker: Speaker,
+        journal: Journal,
         *,
         listed: Callable[[], Iterable[Listed]] = list_ports.comports,
     ) -> None:
         self._settings = settings
         self._probes = probes
-        self._speaker = speaker
+        self._journal = journal
         self._listed = listed
         self._memory = Memory()
-        self._udp = UdpPorts(probes, speaker)
+        self._udp = UdpPorts(probes, journal)
         self._ports: dict[str, Port] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._pauses: dict[str, Pause] = {}
@@ -211,7 +211,7 @@ class Finder:
         try:
             return self._adopted.refresh()
         except FileError as error:
-            self._speaker.say("adopted", str(error), is_warning=True)
+            self._journal.write("adopted", str(error), is_warning=True)
             return False
 
     def _close_released(self, found: Mapping[str, Listed]) -> None:
@@ -235,7 +235,7 @@ class Finder:
                 self._adopted.adopt(port, f"probe {probe_id}")
             except FileError as error:
                 text = f"{name} is adopted only until imud exits: {error}"
-                self._speaker.say("adopted", text, is_warning=True)
+                self._journal.write("adopted", text, is_warning=True)
 
     async def _is_held(self, name: str) -> bool:
         """Whether another program has that port open: then it is left alone, and tried
@@ -265,7 +265,7 @@ class Finder:
         return Port(
             name,
             self._probes,
-            self._speaker,
+            self._journal,
             self._memory,
             rates=rates,
             also=also,

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable, Sequence
 
 from imud.errors import LinkError, PortLost, PortNotFound
+from imud.journal.output import Journal
 from imud.journal.phrases import port_problem
-from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory, Sound, Trial, TrialStep
 from imud.ports.link import Link
 from imud.ports.listener import Claim, Listener
@@ -44,7 +44,7 @@ class Port:
         self,
         name: str,
         probes: Listener,
-        speaker: Speaker,
+        journal: Journal,
         memory: Memory,
         *,
         rates: Sequence[int],
@@ -60,7 +60,7 @@ class Port:
         self._rates = rates
         self._on_known = on_known
         self._probes = probes
-        self._speaker = speaker
+        self._journal = journal
         self._memory = memory
         self._fault: type[LinkError] | None = None
         self._trial: Trial | None = None
@@ -158,7 +158,7 @@ class Port:
 
     def _opened(self) -> None:
         if self._fault is not None:
-            self._speaker.say(("open", self.name), f"{self.name}: open")
+            self._journal.write(("open", self.name), f"{self.name}: open")
         self._fault = None
         self._is_pty = os.path.realpath(self.name).startswith("/dev/pts/")
         loop = asyncio.get_running_loop()
@@ -240,7 +240,7 @@ class Port:
         )
         if not is_known:
             kind = ("fault", self.name, type(error))
-            self._speaker.say(kind, str(error), is_warning=True)
+            self._journal.write(kind, str(error), is_warning=True)
             self._fault = type(error)
 
     def _tell(self, events: list[Event]) -> None:
@@ -273,4 +273,4 @@ class Port:
     def _tell_problem(self, event: OnlyNoise | Silent, rates: Sequence[int]) -> None:
         text = port_problem(self.name, event, rates)
         kind = ("problem", self.name, type(event))
-        self._speaker.say(kind, text, is_warning=True)
+        self._journal.write(kind, text, is_warning=True)

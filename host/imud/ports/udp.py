@@ -15,7 +15,7 @@ from pathlib import Path
 from imud.config.settings import PortSettings
 from imud.endpoint import host_and_port
 from imud.errors import ConfigError
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 from imud.net import probe_keys
 from imud.ports.datagram import (
     DATAGRAM_MAX,
@@ -39,9 +39,9 @@ BUFFER_BYTES = 1 << 20
 class UdpPorts:
     """The socket, if the settings ask for one, and the ports of its probes."""
 
-    def __init__(self, probes: Listener, speaker: Speaker) -> None:
+    def __init__(self, probes: Listener, journal: Journal) -> None:
         self._probes = probes
-        self._speaker = speaker
+        self._journal = journal
         self._socket: socket.socket | None = None
         self._listens = ""  # the setting that the socket has
         self._fault = ""  # the last one told
@@ -68,7 +68,7 @@ class UdpPorts:
             why = getattr(error, "strerror", None) or error
             text = f"udp {settings.udp}: {why}"
             if text != self._fault:
-                self._speaker.say(("udp", "fault"), text, is_warning=True)
+                self._journal.write(("udp", "fault"), text, is_warning=True)
             self._fault = text
         else:
             self._fault = ""
@@ -108,7 +108,7 @@ class UdpPorts:
         count = len(self._ports)
         probes = "1 probe" if count == 1 else f"{count} probes"
         text = f"udp {host}:{port}: open to {probes} with a key"
-        self._speaker.say(("udp", "open"), text)
+        self._journal.write(("udp", "open"), text)
 
     def _read_keys(self, folder: Path) -> None:
         place = folder / probe_keys.PROBES
@@ -127,7 +127,7 @@ class UdpPorts:
         for probe_id, key in keys.items():
             if probe_id not in self._ports:
                 peer = Peer(probe_id, key)
-                port = UdpPort(peer, self._probes, self._speaker, self._send)
+                port = UdpPort(peer, self._probes, self._journal, self._send)
                 self._ports[probe_id] = port
 
     def _send(self, datagram: bytes, address: Address) -> None:
@@ -138,7 +138,7 @@ class UdpPorts:
             self._socket.sendto(datagram, address)
         except OSError as error:
             text = f"udp: can't send to {address[0]}: {error.strerror}"
-            self._speaker.say(("udp", "send"), text, is_warning=True)
+            self._journal.write(("udp", "send"), text, is_warning=True)
 
     def _read(self) -> None:
         for _ in range(BATCH):
@@ -177,4 +177,4 @@ class UdpPorts:
             f"udp: datagrams refused: {self.refused[fault]} "
             f"{fault.replace('_', ' ')}, the last from {address[0]}"
         )
-        self._speaker.say(("udp", fault), text, is_warning=True, is_total=True)
+        self._journal.write(("udp", fault), text, is_warning=True, is_total=True)

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Any
 
 from imud.errors import PortLost
+from imud.journal.output import Journal
 from imud.journal.phrases import port_problem
-from imud.journal.speaker import Speaker
 from imud.ports.datagram import Address, DatagramFault, Peer
 from imud.ports.listener import Claim, Listener
 from imud.probes.session import (
@@ -52,13 +52,13 @@ class UdpPort:
         self,
         peer: Peer,
         probes: Listener,
-        speaker: Speaker,
+        journal: Journal,
         send: Callable[[bytes, Address], None],
     ) -> None:
         self.peer = peer
         self.name = f"udp of {peer.probe_id.hex()}"
         self._probes = probes
-        self._speaker = speaker
+        self._journal = journal
         self._send = send
         self._claim = Claim(probes, self)
         self._sessions = 0  # of the peer, when this session began
@@ -129,7 +129,7 @@ class UdpPort:
         if probe_id == self.peer.probe_id.hex():
             return self._claim.find(probe_id)
         text = f"{self.name}: a probe claims to be {probe_id}, with the key of another"
-        self._speaker.say(("udp", self.name, "other"), text, is_warning=True)
+        self._journal.write(("udp", self.name, "other"), text, is_warning=True)
         return Probe(probe_id)
 
     def _begin(self, address: Address) -> None:
@@ -148,7 +148,7 @@ class UdpPort:
             if isinstance(event, OnlyNoise | Silent):
                 text = port_problem(self.name, event, ())
                 kind = ("problem", self.name, type(event))
-                self._speaker.say(kind, text, is_warning=True)
+                self._journal.write(kind, text, is_warning=True)
             elif event.probe_id != self.peer.probe_id.hex():
                 continue  # told by find()
             elif isinstance(event, OtherSchema):

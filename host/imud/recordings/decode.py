@@ -21,6 +21,7 @@ from imud.errors import FileError
 from imud.log.parts import Damage
 from imud.log.reader import Logged, LogHead, salvage
 from imud.log.writer import MAGIC
+from imud.probes.first_hello import first_hello, probe_in_file, probe_of
 from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe
 from imud.probes.references import SinceErrors
@@ -31,7 +32,6 @@ from imud.probes.session import (
     Received,
     Session,
 )
-from imud.probes.speaker import introduction, probe_of, speaker_of
 from imud.recordings.damage import DamageCount
 from imud.recordings.foreign_log import log_of_foreign
 from imud.recordings.foreign_table import is_foreign
@@ -96,7 +96,7 @@ def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
 
 
 def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    probe = speaker_of(introduction(chunks_of(path)), tally.probe)
+    probe = probe_in_file(first_hello(chunks_of(path)), tally.probe)
     session = Session(tally.probe, presumed=probe)
     for data in chunks_of(path):
         yield from _described(session.receive(data, None), tally)
@@ -109,7 +109,7 @@ def _decode_card(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     with disk.opened(path) as file:
         log = find_log(file)
         for recording in log.recordings():
-            probe = speaker_of(introduction(log.frames(recording)), Probe)
+            probe = probe_in_file(first_hello(log.frames(recording)), Probe)
             name = f"recording {recording.number} of {probe.probe_id}"
             tally.probes[name] = probe
             session = Session(partial(_same, probe), None, probe)

@@ -20,8 +20,8 @@ import numpy as np
 
 from imud.errors import FileError
 from imud.log.undated import write_capture
+from imud.probes.first_hello import first_hello, probe_in_file
 from imud.probes.session import Probe
-from imud.probes.speaker import introduction, speaker_of
 from imud.recordings import foreign_map, foreign_table
 from imud.recordings.foreign_map import ForeignMap
 from imud.rotation import FloatArray
@@ -178,7 +178,7 @@ def write(found: Imported, source: Path, log: Path) -> str:
     for rows in (found.t_us, found.acc, found.gyr):
         digest.update(rows.tobytes())
     probe_id = digest.digest()[:8]
-    probe = speaker_of(introduction(_said(found, probe_id)), Probe)
+    probe = probe_in_file(first_hello(_said(found, probe_id)), Probe)
     if not write_capture(_said(found, probe_id), probe, log):
         raise FileError(f"{source}: no rows could be written")
     return probe_id.hex()

@@ -15,8 +15,8 @@ from imud.errors import FileError
 from imud.log.reader import legible
 from imud.log.undated import write_capture
 from imud.log.writer import MAGIC
+from imud.probes.first_hello import first_hello, probe_in_file
 from imud.probes.session import Probe
-from imud.probes.speaker import introduction, speaker_of
 from imud.recordings.foreign_log import log_of_foreign
 from imud.recordings.foreign_table import is_foreign
 
@@ -61,7 +61,7 @@ def log_of(path: Path) -> Iterator[Path]:
                 f"{path} is from a card; convert it to logs with imud card read {path}"
             )
         log = Path(folder) / f"{file.stem}.mcap"
-        probe = speaker_of(introduction(chunks_of(file)), Probe)
+        probe = probe_in_file(first_hello(chunks_of(file)), Probe)
         if not write_capture(chunks_of(file), probe, log):
             raise FileError(
                 f"{path} is neither a log nor a capture with messages of a probe"

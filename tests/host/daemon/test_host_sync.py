@@ -16,7 +16,7 @@ from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import Registry
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_losing_and_regaining_utc_is_told(
     current = [Sync("here", is_synchronised=True, bound_us=7)]
     monkeypatch.setattr(host_clock, "sync_of_host", lambda: current[0])
     hub = Hub()
-    lines = ProbeLines(Speaker(10.0, 3))
+    lines = ProbeLines(Journal(10.0, 3))
     caplog.set_level("INFO", "imud")
     clock = HostClock(Registry(Config()), RecordPublisher(hub), lines)
     assert clock.timeline.whose == ("here", 7)

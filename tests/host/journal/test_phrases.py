@@ -10,7 +10,7 @@ import pytest
 from chain import Chain
 from imud.journal import phrases
 from imud.journal.faults import fault_words
-from imud.journal.speaker import Limiter
+from imud.journal.output import RateLimiter
 from imud.probes import record
 from imud.probes.session import Session
 from imud.wire import schema
@@ -159,7 +159,7 @@ def test_a_restart_says_where_it_struck(
 
 
 def test_a_kind_of_line_is_written_once_in_a_while() -> None:
-    limiter = Limiter(quiet_s=10.0, burst=2)
+    limiter = RateLimiter(quiet_s=10.0, burst=2)
     allowed = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
     assert allowed == [
         "",

@@ -7,8 +7,8 @@ import pytest
 
 from fakes import FakeProbe
 from fakes.records import calibrated_records, parts_of
+from imud.probes.first_hello import first_hello, probe_in_file
 from imud.probes.session import Probe, Received, Session
-from imud.probes.speaker import introduction, speaker_of
 from imud.wire.messages import Message, decode
 from imud.wire.params import SETS_MAX, WHOLE_MAX, ParamsParts, digest_of
 
@@ -116,12 +116,12 @@ def test_the_params_of_a_file_are_known_from_its_first_message_on():
     fake = FakeProbe(params_digest=digest_of(ONE))
     data = fake.say("raw") + fake.say("hello") + b"".join(parts_of(fake, ONE))
     data += fake.say("raw")
-    known = introduction(data[at : at + 7] for at in range(0, len(data), 7))
-    assert speaker_of(known, Probe).params == ONE
+    known = first_hello(data[at : at + 7] for at in range(0, len(data), 7))
+    assert probe_in_file(known, Probe).params == ONE
 
 
 def test_a_file_whose_params_are_told_in_part_leaves_them_unknown():
     fake = FakeProbe(params_digest=digest_of(ONE))
     data = fake.say("hello") + b"".join(list(parts_of(fake, ONE))[1:])
-    assert speaker_of(introduction([data]), Probe).params is None
-    assert speaker_of(introduction([b""]), Probe).params is None
+    assert probe_in_file(first_hello([data]), Probe).params is None
+    assert probe_in_file(first_hello([b""]), Probe).params is None

@@ -16,7 +16,7 @@ from fakes.messages import EXAMPLES
 from imud.config.settings import Config, ProbeSettings
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
-from imud.journal.speaker import Speaker
+from imud.journal.output import Journal
 from imud.probes.record import Record
 from imud.probes.session import ProbeFound, Received, Session
 from imud.stages import (
@@ -75,7 +75,7 @@ class Bench:
         self.records: list[Record] = []
         monkeypatch.setattr(hub, "put", self._put)
         self.stages: list[Shakes] = []
-        self.intake = Intake(Config(), hub, Speaker(), self._make)
+        self.intake = Intake(Config(), hub, Journal(), self._make)
         self.orders: list[tuple[str, SendCommands]] = []
         self.intake.stages.on_commands = lambda name, order: self.orders.append(
             (name, order)
@@ -175,7 +175,7 @@ class Doubles(Shakes):
 def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(
     bench: Bench,
 ) -> None:
-    bench.intake = Intake(Config(), bench.hub, Speaker(), lambda c: [Doubles(c)])
+    bench.intake = Intake(Config(), bench.hub, Journal(), lambda c: [Doubles(c)])
     bench.session = Session(bench.intake.probe)
     probe = FakeProbe()
     bench.hear(probe.say("hello") + probe.say("raw") + probe.say("raw"))
@@ -196,7 +196,7 @@ def test_what_a_stage_computes_stands_in_the_place_of_what_the_probe_sends(
     numbers have no gaps.
     """
     stage = Doubles(Config())
-    bench.intake = Intake(Config(), bench.hub, Speaker(), lambda _: [stage])
+    bench.intake = Intake(Config(), bench.hub, Journal(), lambda _: [stage])
     bench.session = Session(bench.intake.probe)
     probe = FakeProbe()
     bench.hear(probe.say("hello") + probe.say("pose"))
@@ -226,7 +226,7 @@ def test_a_probe_that_goes_on_sending_poses_is_not_heard_twice(
     bench = Bench(monkeypatch)
     probe_id = received(life.contents)[0].probe_id
     config = Config(probes={probe_id: ProbeSettings(fuse_on_host=True)})
-    bench.intake = Intake(config, bench.hub, Speaker(), lambda c: [FusionStage(c)])
+    bench.intake = Intake(config, bench.hub, Journal(), lambda c: [FusionStage(c)])
     session = Session(bench.intake.probe)
     for content in life.contents:
         for event in session.receive_content(content, None):

@@ -24,7 +24,7 @@ OTHERS = "others"
 
 
 @dataclass(frozen=True, slots=True)
-class Introduction:
+class FirstHello:
     """The first hello of our schema, and the params that were told up to then."""
 
     hello: Message
@@ -32,11 +32,11 @@ class Introduction:
     parts: ParamsParts
 
 
-def introduction(chunks: Iterable[bytes]) -> Introduction | None:
-    """How the probe in these bytes introduces itself; None: it does not."""
+def first_hello(chunks: Iterable[bytes]) -> FirstHello | None:
+    """The first hello in these bytes, with its params; None: there is none."""
     decoder = FrameDecoder()
     parts = ParamsParts()
-    found: Introduction | None = None
+    found: FirstHello | None = None
     for data in chunks:
         for content in decoder.feed(data):
             decoded = messages.decode(content)
@@ -45,13 +45,13 @@ def introduction(chunks: Iterable[bytes]) -> Introduction | None:
             if decoded.name == "params":
                 parts.add_part(decoded)
             elif found is None and _is_ours(decoded):
-                found = Introduction(decoded, content, parts)
+                found = FirstHello(decoded, content, parts)
         if found is not None and parts.get(_digest(found.hello)) is not None:
             break
     return found
 
 
-def speaker_of(known: Introduction | None, name: Callable[[str], Probe]) -> Probe:
+def probe_in_file(known: FirstHello | None, name: Callable[[str], Probe]) -> Probe:
     """The probe of a file, known before its first hello is reached."""
     probe_id = known.hello.fields["probe_id"] if known is not None else None
     probe = name(probe_id.hex() if isinstance(probe_id, bytes) else NOBODY)
