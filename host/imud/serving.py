@@ -71,6 +71,9 @@ class Faults:
         self.tell(fault if isinstance(fault, Exception) else context["message"])
 
     def tell(self, fault: Exception | str) -> None:
+        """Counts a fault, and writes it to the journal if TELL_S have passed since the
+        last.
+        """
         with self._lock:
             self.count += 1
             if time.monotonic() < self._again_s:

@@ -110,6 +110,9 @@ class Listening(socket.socket):
     _in_a_row = 0
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
+        """The next connection that the throttle admits; the others are closed and told.
+        BlockingIOError after IN_A_ROW, or if none waits.
+        """
         while True:
             self._in_a_row += 1
             if self._in_a_row > IN_A_ROW:

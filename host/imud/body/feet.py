@@ -81,6 +81,10 @@ class Foot:
         return f"no rest for {away_s:.0f} s: its position error is up to {off_m:.1f} m"
 
     def state(self) -> Contact:
+        """The contact of the foot now: on the ground or not, its rests so far, and, of
+        a foot that walks, the last stride and the last place of rest, m in the world,
+        if known.
+        """
         walker = self._walker
         rest = walker.rest if walker is not None else None
         stride = walker.stride_m if walker is not None else None

@@ -59,6 +59,7 @@ class ModuleMount:
 
     @property
     def words(self) -> str:
+        """How the module is turned in its housing, as a line of a report."""
         if self.is_assumed:
             return (
                 "the module's axes are assumed to be the housing's, as the poses were "

@@ -19,6 +19,7 @@ DELAY_MS, RATE_HZ = 150, 25
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud body` and its options."""
     body = add_command(
         commands,
         "body",

@@ -50,6 +50,9 @@ class Printer:
         self._printed_s = 0.0
 
     def put(self, state: BodyState, payload: bytes) -> None:
+        """Prints `payload` as it is with --json; else what has changed in the state,
+        and once every PRINT_S the angles.
+        """
         if self._as_json:
             self._print(payload.decode())
             return
@@ -131,6 +134,7 @@ class Ros2Body:
         self._publishers: dict[str, RosPublisher] = {}
 
     def put(self, state: BodyState, payload: bytes) -> None:  # noqa: ARG002 - a sink's
+        """Publishes the joint states and transforms of a state."""
         # Announced before the first message, so that readers can wait for it.
         for topic in (joint_topic(state.body), TF):
             if topic.name not in self._publishers:

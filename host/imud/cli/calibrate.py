@@ -40,6 +40,7 @@ TIP_METHODS = {
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud calibrate` and its options."""
     words = "; ".join(f"{name}: {what}" for name, what in PARTS.items())
     parser = add_command(
         commands,

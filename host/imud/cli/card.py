@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud card` and its commands."""
     card = add_command(
         commands,
         "card",

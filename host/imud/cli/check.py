@@ -17,6 +17,7 @@ SUFFIXES = (".json", ".md")
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud check` and its options."""
     parser = add_command(
         commands,
         "check",

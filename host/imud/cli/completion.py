@@ -16,6 +16,7 @@ SHELLS = ("bash", "zsh", "tcsh")
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud completion`."""
     parser = add_command(
         commands,
         "completion",

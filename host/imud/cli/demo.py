@@ -17,6 +17,7 @@ BOARDS |= {name: [name] for name in ("micropython", "pico", "mega")}
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud demo` and its options."""
     demo = add_command(
         commands,
         "demo",

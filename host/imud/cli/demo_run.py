@@ -65,6 +65,9 @@ class PoseTally:
         self._taken_us = (0, 0)
 
     def take(self, payload: bytes) -> None:
+        """Counts a pose as published, and how many are missing before it, by device
+        times.
+        """
         now_s = time.monotonic()
         time_us = int(json.loads(payload)["t_device_us"])
         if self.poses == 0:
@@ -230,6 +233,9 @@ class Child:
 
 @contextmanager
 def child(name: str, log_name: str, *arguments: str) -> Iterator[Child]:
+    """Runs `imud` with these arguments in the demo's room, its output in LOG_NAME.log;
+    ends it when the context is left.
+    """
     log = room() / f"{log_name}.log"
     with log.open("wb") as file:
         # In its own session: Ctrl-C reaches the demo alone, which ends all in order.
@@ -251,6 +257,9 @@ def child(name: str, log_name: str, *arguments: str) -> Iterator[Child]:
 def wait_for(
     is_there: Callable[[], bool], seconds: float, needed: Child, complaint: str
 ) -> None:
+    """Waits until `is_there` is true; DemoError with `complaint` after so many seconds,
+    or once the process that is needed for it has ended.
+    """
     until_s = time.monotonic() + seconds
     while not is_there():
         if not needed.is_alive():
@@ -302,6 +311,9 @@ def judge(tally: PoseTally, status: dict[str, Any]) -> list[str]:
 def report(
     tallies: Mapping[str, PoseTally], logs: Sequence[Path], faults: Sequence[str]
 ) -> int:
+    """Prints the verdict, what arrived of each board, and what to try next. Returns the
+    exit code: 1 with faults.
+    """
     is_plain = not sys.stdout.isatty() or "NO_COLOR" in os.environ
     red, green, end = ("", "", "") if is_plain else ("\x1b[31m", "\x1b[32m", "\x1b[0m")
     verdict = f"{red}failed{end}" if faults else f"{green}all well{end}"

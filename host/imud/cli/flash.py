@@ -17,6 +17,7 @@ BOARDS = ("nano", "f405", "pico", "mega")
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud flash` and its options."""
     flash = add_command(
         commands,
         "flash",

@@ -19,6 +19,7 @@ NAMES = ("acc", "gyr", "mag", "time")
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud import` and its options."""
     parser = add_command(
         commands,
         "import",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud keys` and its commands."""
     keys = add_command(
         commands,
         "keys",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud params` and its commands."""
     params = add_command(
         commands,
         "params",

@@ -27,6 +27,9 @@ _DIGEST = re.compile(r"[0-9a-f]{1,8}")
 
 
 def show(client: Client, probe: str, *, as_json: bool) -> int:
+    """Prints the active params of a probe, or the daemon's reply as one line of JSON.
+    Returns the exit code.
+    """
     reply = client.params(probe)
     if as_json:
         sys.stdout.write(json.dumps(reply, separators=(",", ":")) + "\n")
@@ -160,6 +163,9 @@ def save(client: Client, probe: str, path: Path, *, is_forced: bool) -> int:
 def load(
     client: Client, probe: str, wanted: ParamsFile, *, is_forced: bool, is_dry: bool
 ) -> int:
+    """Changes the params of a probe to those of a file, or prints what would change.
+    CommandRefused if they are from another probe and it is not forced.
+    """
     reply = client.params(probe)
     probe_id = reply["probe_id"]
     if wanted.probe_id not in (None, probe_id) and not is_forced:
@@ -291,6 +297,7 @@ def _cells(params: Params) -> Iterator[tuple[str, str]]:
 
 
 def history(client: Client, probe: str) -> int:
+    """Prints the params that were active, the latest first; returns the exit code."""
     kept = client.params_history(probe)
     if not kept["entries"]:
         sys.stdout.write(f"{probe}: no params were active so far\n")

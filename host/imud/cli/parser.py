@@ -43,6 +43,9 @@ class Parser(argparse.ArgumentParser):
         )
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse has it, but a misspelt option or a probe before the command is an
+        error that names the right form.
+        """
         words = [*args] if args is not None else []
         commands = self._commands()
         if len(words) > 1 and words[0] not in commands and words[1] in commands:
@@ -70,6 +73,7 @@ class GroupedParser(Parser):
     commands: argparse._SubParsersAction[argparse.ArgumentParser] | None = None
 
     def format_help(self) -> str:
+        """The help with the commands under the titles of `groups`."""
         if self.commands is None:
             return super().format_help()
         texts = {each.dest: each.help for each in self.commands._choices_actions}

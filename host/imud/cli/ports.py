@@ -33,6 +33,7 @@ to tell ModemManager, and to create the links in /dev/imu-probe:
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud ports` and its commands."""
     ports = add_command(
         commands,
         "ports",

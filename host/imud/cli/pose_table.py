@@ -48,6 +48,7 @@ class Reception:
     _recent_s: deque[float] = field(default_factory=deque)
 
     def on_pose(self, payload: bytes, now_s: float) -> None:
+        """Counts a pose as published; `now_s` is when it arrived, monotonic."""
         self.pose = json.loads(payload)
         if self.poses == 0:
             self.first_s = now_s
@@ -147,6 +148,7 @@ class PoseTable:
         self.period_s = TERMINAL_S if self._is_terminal else PIPE_S
 
     def draw(self, probes: dict[str, Reception], now_s: float) -> None:
+        """Draws a line a probe: over the last drawing on a terminal, else below it."""
         lines: list[str] = []
         for name, received in sorted(probes.items()):
             if received.pose:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Commands) -> None:
+    """Adds the commands for one probe: start, stop, tare, restart, name and mark."""
     from imud.commands import COMMANDS
 
     for row in COMMANDS.values():

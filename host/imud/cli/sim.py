@@ -68,6 +68,7 @@ _WIRE = {
 
 
 def add(commands: Commands) -> None:
+    """Adds `imud sim` and its boards."""
     boards = add_command(
         commands,
         "sim",

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 
 def add(boards: Commands) -> None:
+    """Adds `imud sim leg` and its options."""
     parser = add_command(
         boards,
         "leg",

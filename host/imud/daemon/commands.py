@@ -242,6 +242,9 @@ class Commander:
             asking.size = self._send(entry.port, "time", token, (0, 0))
 
     def handle_reply(self, entry: ProbeEntry, event: Received) -> None:
+        """Gives a reply to the command that waits for its token. Of a request for the
+        time, it also tells the probe's clock when the device read it, in the host's ns.
+        """
         message = event.message
         token = message.fields["replied_token"]
         asking = self._asking.get(entry)

@@ -90,6 +90,7 @@ class Daemon:
         self._finder = Finder(config.ports, self._intake, self._journal)
 
     async def run(self) -> None:
+        """Serves until SIGTERM or SIGINT; raises the error of a task that failed."""
         loop = asyncio.get_running_loop()
         stop = asyncio.Event()
         system.on_signals(stop.set, self._reload)

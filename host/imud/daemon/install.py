@@ -162,6 +162,9 @@ def remove(prefix: Path) -> int:
 
 
 def run(prefix: Path, user: str, *, is_shown: bool) -> int:
+    """Writes the service's files below `prefix`, or prints them; settings that exist
+    stay. Returns the exit code; ConfigError for a name that no user can have.
+    """
     if not _USER.fullmatch(user):
         raise ConfigError(f"{user!r} is not a valid user name; try --user imud")
     written = files(user, _program())

@@ -103,6 +103,7 @@ class ProbeLines:
             )
 
     def event(self, entry: ProbeEntry, message: Message) -> None:
+        """The line of an event; a warning if it is a fault."""
         fields = {name: plain(value) for name, value in message.fields.items()}
         name, cause = str(fields["event"]), str(fields["cause"])
         board = str(entry.probe.hello.get("board", ""))

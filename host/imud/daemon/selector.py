@@ -35,6 +35,7 @@ class GatheringSelector(selectors.DefaultSelector):
         self._since_s = time.monotonic()
 
     def select(self, timeout: float | None = None) -> Ready:
+        """As selectors has it, but after GATHER_S while events are many."""
         self.on_turn()
         if self._is_many and (timeout is None or timeout >= GATHER_S):
             time.sleep(GATHER_S)

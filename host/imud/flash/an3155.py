@@ -82,6 +82,9 @@ class An3155:
         self._expect(what, ANSWER_S)
 
     def read(self, address: int, size: int) -> bytes:
+        """Up to 256 bytes of flash or RAM from an address; FlashError without an
+        answer.
+        """
         what = f"the bytes at {address:#010x}"
         self._command(READ, what)
         self._address(address, what)

@@ -173,6 +173,7 @@ class Outer(asyncio.Protocol):
         self.peer = ""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Refuses a client at one of the limits; else waits HELLO_S for its hello."""
         self.transport = cast(asyncio.Transport, transport)
         peer = transport.get_extra_info("peername") or ("?", 0)
         host, port = str(peer[0]), peer[1]
@@ -189,6 +190,9 @@ class Outer(asyncio.Protocol):
         self._arm(HELLO_S, partial(self._fail, "no TLS hello in time"))
 
     def data_received(self, data: bytes) -> None:
+        """Passes bytes on to Zenoh, from the first whole hello of TLS on; what is not
+        TLS ends the connection.
+        """
         if self.is_over:
             return
         if not self._is_finished:
@@ -290,6 +294,9 @@ class Outer(asyncio.Protocol):
                 self._inner.transport.resume_reading()
 
     def connection_lost(self, _: Exception | None) -> None:
+        """Ends the connection to Zenoh; to leave within the handshake counts as a
+        failure.
+        """
         if self._is_counted:
             self._guard.links.discard(self)
             if not self._is_finished:

@@ -185,6 +185,9 @@ def remove(folder: Path, user: str) -> None:
 
 
 def run_init(folder: Path, names: Sequence[str], port: int) -> int:
+    """Makes the keys of a daemon and of one user a role in `folder`, and prints how to
+    use them. Returns the exit code.
+    """
     hosts = initialise(folder, names, port)
     where = f"tls/0.0.0.0:{port}"
     sys.stdout.write(

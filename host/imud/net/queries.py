@@ -38,6 +38,9 @@ class Queries:
         return f"{self._prefix}/{probe}/{last}"
 
     def tell(self, probe: str, topic: str, query: zenoh.Query) -> None:
+        """Answers a query with the last payload of a topic; not at all if there is
+        none.
+        """
         with query:
             payload = self._last.get((probe, topic))
             if payload is not None:

@@ -133,6 +133,7 @@ class Port:
             self._free(None)
 
     def end(self) -> None:
+        """Ends the port's session, if there is one, and passes on its last events."""
         if self._listening is not None:
             self._listening.cancel()
         self._listening = self._trial = None

@@ -79,6 +79,7 @@ class UdpPorts:
             port.check(t_ns)
 
     def close(self) -> None:
+        """Ends all ports, and closes the socket."""
         for port in self:
             port.end()
         self._ports.clear()

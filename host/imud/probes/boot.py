@@ -95,6 +95,9 @@ class BootNumbers:
         return entry is not None and entry[1] == crc32(content)
 
     def ordering(self, frame: DecodedFrame) -> Ordering:
+        """Where a frame stands among those of this boot: by its number, and by whether
+        its device time fits the frames beside it.
+        """
         number = self.number(frame.sequence)
         if number > self.last:
             is_first = self.last < self.first

@@ -172,6 +172,9 @@ class Account:
         return self.boot.skewed + self._earlier.skewed + self.unplaced
 
     def counts(self) -> dict[str, object]:
+        """The counts of the present boot and of all earlier ones, as the status has
+        them.
+        """
         earlier = self._earlier.counts()
         earlier["sent"] = self._earlier_sent
         earlier["lost"] = self._earlier_lost

@@ -88,7 +88,7 @@ class OnlyNoise(msgspec.Struct, frozen=True):
 
 
 class Silent(msgspec.Struct, frozen=True):
-    """A port is open and nothing is frame."""
+    """A port is open, and no bytes come."""
 
     seconds: float
 
@@ -146,6 +146,7 @@ class Session:
         self.headless: Counter[str] = Counter()  # skewed, without a sequence number
 
     def counts(self) -> dict[str, Any]:
+        """What came through the port so far, as the status has it."""
         return {
             "bytes": self.bytes,
             "frames": self._decoder.stats.ok,
@@ -158,6 +159,10 @@ class Session:
         }
 
     def receive(self, data: bytes, t_ns: int | None) -> list[Event]:
+        """Takes bytes that arrived at `t_ns`, in any chunks; returns what happened, in
+        order. Damage is counted and never raised; None: the time is not known, as in a
+        capture.
+        """
         events: list[Event] = []
         self.bytes += len(data)
         self._heard_ns = t_ns

@@ -54,6 +54,7 @@ class Tally:
         return probe_of(self.probes, probe_id)
 
     def lines(self) -> Iterator[str]:
+        """The balance of each probe and port, and whether the log is truncated."""
         for name, probe in self.probes.items():
             counts: Any = probe.account.counts()
             total = totals(counts)

@@ -51,6 +51,9 @@ class ProbeInfo:
         self.records: dict[int, bytes] = {0: b""}  # by digest
 
     def add(self, item: Logged, damage: DamageCount, *, is_ours: bool) -> None:
+        """Counts a record of the log. A frame of ours goes into the ledger, and what is
+        missing there by damage into `damage`.
+        """
         if item.topic in METADATA_OF_PROBES.values():
             self._add_metadata(item, is_ours=is_ours)
             return
@@ -89,6 +92,9 @@ class ProbeInfo:
         return (self.counts[topic] - 1) / span_ns * 1e9 if span_ns else None
 
     def as_dict(self, damaged: int) -> dict[str, Any]:
+        """The probe as `imud info --json` prints it; `damaged`: messages lost by damage
+        to the file.
+        """
         self.session.close()
         counts: Any = self.probe.account.counts()
         total = totals(counts)

@@ -42,6 +42,9 @@ class FoxgloveSink:
         self._channels: dict[tuple[str, str], Channel] = {}
 
     def open(self) -> None:
+        """Starts the server; ConfigError without the library, ListenFailed if the
+        address is taken.
+        """
         try:
             import foxglove
         except ImportError as error:
@@ -69,6 +72,7 @@ class FoxgloveSink:
         """Nothing to do: the server sends without this."""
 
     def close(self) -> None:
+        """Ends the server, which gets CLOSE_S for it."""
         server, self._server = self._server, None
         for channel in self._channels.values():
             channel.close()

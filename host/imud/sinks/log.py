@@ -69,6 +69,7 @@ class LogSink:
         self.path: Path | None = None
 
     def open(self) -> None:
+        """Begins a file, or pauses on a full disk; FileError if it can't be written."""
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
             if self._is_full(system.free_bytes(self._directory)):
@@ -88,6 +89,9 @@ class LogSink:
         self._swept_s = -math.inf
 
     def write(self, record: Record | Presence) -> None:
+        """Adds a record to the file, and begins one if there is none. FileError while
+        the disk is full.
+        """
         if not isinstance(record, Record) or record.probe in self.settings.unlogged:
             return
         if record.topic == "clock":
@@ -110,6 +114,10 @@ class LogSink:
             self._end()
 
     def flush(self) -> None:
+        """Writes what was added and has it synced; removes old files, pauses on a full
+        disk and begins another file when this one is long. FileError if that is not
+        possible.
+        """
         log = self._log
         if log is None or self._syncer is None:
             return

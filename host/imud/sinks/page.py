@@ -51,6 +51,9 @@ class PageSink:
         self.period_s = IDLE_S
 
     def open(self) -> None:
+        """Serves the page, or takes over the one that the sink before has left; a taken
+        address is told once, and tried again.
+        """
         before = self._before
         if before is not None and before._left is not None:
             self._page, before._left, self._before = before._left, None, None
@@ -84,6 +87,7 @@ class PageSink:
             page.publish([line])
 
     def flush(self) -> None:
+        """Passes on what was written, more often while a browser watches."""
         page = self._page
         fresh, self._fresh = self._fresh, []
         self.period_s = WATCHED_S if page is not None and page.is_watched else IDLE_S

@@ -95,6 +95,7 @@ class RosTranslator:
         return (*own, TF, DIAGNOSTICS)
 
     def translate(self, record: Record) -> Iterator[RosMessage]:
+        """The ROS 2 messages that follow from a record; none from most topics."""
         if record.topic == "pose":
             yield from self._take_pose(record.t_ns, record.values)
         elif record.topic == "raw":
@@ -290,6 +291,9 @@ class Ros2Sink:
         self._node_token = liveliness.declare_token(self._node.token)
 
     def write(self, record: Record | Presence) -> None:
+        """Publishes a record as ROS 2 messages; announces the topics of a probe that is
+        new.
+        """
         if self._session is None or self._node is None:
             return
         translator = self._translators.get(record.probe)

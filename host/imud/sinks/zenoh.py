@@ -147,6 +147,9 @@ class ZenohSink:
         return True
 
     def write(self, record: Record | Presence) -> None:
+        """Publishes a record, or who is there. NetworkError once the session with a
+        router is lost: the lane opens it again.
+        """
         session = self._session
         if session is None:
             if not self._is_guest:
@@ -194,6 +197,7 @@ class ZenohSink:
         """Nothing to do: a put is sent when it returns."""
 
     def close(self) -> None:
+        """Ends the session; the daemon's own is left to the sink that follows."""
         session, self._session = self._session, None
         if session is not None and self._is_followed and not self._is_guest:
             self._undeclare()

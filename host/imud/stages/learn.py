@@ -131,6 +131,7 @@ class LearnStage:
         )
 
     def status(self) -> Mapping[str, Any]:
+        """The state, and the proposed calibration: degrees, uT, and its params."""
         state, found = "off", self._proposal
         if self._mode != "off":
             has_some = self._learner is not None and self._learner.samples

@@ -62,6 +62,7 @@ class TwinStage:
             yield Publish(self.name, place | self.status())
 
     def status(self) -> dict[str, Any]:
+        """Poses compared with the probe's, those that differed, and those lost."""
         twin = self._twin
         return {
             "state": twin.state.value if twin is not None else "off",

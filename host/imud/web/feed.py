@@ -41,6 +41,9 @@ class Feed:
         self.is_watched = False  # else only the last payload is kept
 
     def add(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
+        """Adds payloads by probe and topic; any thread may call it. Of topics that are
+        no stream the last one counts.
+        """
         with self._lock:
             for key, payload in payloads:
                 if key not in self._last and len(self._last) >= KEYS_MAX:
