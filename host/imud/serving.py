@@ -15,7 +15,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import Any
 
 from imud.errors import ListenFailed, described
-from imud.throttle import Listening, Throttle
+from imud.throttle import Throttle, ThrottledSocket
 
 # A fault in a loop is told so often at most.
 TELL_S = 60.0
@@ -32,7 +32,7 @@ def listen(
     setting: str,
     backlog: int = 1,
     throttle: Throttle | None = None,
-) -> Listening:
+) -> ThrottledSocket:
     """A socket that listens on that host and port; port 0: the system chooses one.
     ListenFailed names the service, and the setting to change.
     """
@@ -48,7 +48,7 @@ def listen(
             f"can't serve {what} on {host}:{port}: {reason}; choose another address "
             f"with {setting}"
         ) from error
-    listening = Listening(fileno=made.detach())
+    listening = ThrottledSocket(fileno=made.detach())
     listening.throttle = throttle
     return listening
 

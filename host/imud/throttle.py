@@ -100,7 +100,7 @@ class Throttle:
         return True
 
 
-class Listening(socket.socket):
+class ThrottledSocket(socket.socket):
     """A socket that listens, and whose accept() leaves out what its throttle refuses.
 
     asyncio's selector loops call accept(); Windows' other loop does not, and takes all.

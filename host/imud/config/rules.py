@@ -8,12 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from imud.config.kept import LogSettings
 from imud.config.settings import (
     BAUD_MAX,
     RATES,
     Config,
     FoxgloveSettings,
+    LogSettings,
     MetricsSettings,
     OpenIgtLinkSettings,
     PlaceSettings,

@@ -9,9 +9,8 @@ import shlex
 import sys
 from pathlib import Path
 
-from imud.config.kept import LogSettings, ParamsSettings
 from imud.config.reader import as_toml
-from imud.config.settings import Config
+from imud.config.settings import Config, LogSettings, ParamsSettings
 from imud.errors import ConfigError, FileError
 from imud.ports import udev
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from imud.daemon.host_sync import Sync
+from imud.daemon.host_clock import Sync
 from imud.daemon.log_state import LogState
 from imud.daemon.params_watch import summary
 from imud.daemon.registry import ProbeEntry

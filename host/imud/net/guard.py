@@ -22,7 +22,7 @@ from functools import partial
 from typing import cast
 
 from imud.machine import system
-from imud.throttle import ByNetwork, Listening, Rate, Throttle
+from imud.throttle import ByNetwork, Rate, Throttle, ThrottledSocket
 
 # After this many consecutive failures an address waits, each time twice as long; less,
 # if a client there once completed a handshake.
@@ -331,7 +331,7 @@ class Inner(asyncio.Protocol):
         self._outer.end()
 
 
-async def _serve(inner: int, listening: list[Listening]) -> None:
+async def _serve(inner: int, listening: list[ThrottledSocket]) -> None:
     """Until stdin ends: the parent is gone."""
     loop = asyncio.get_running_loop()
     guard = Guard(("127.0.0.1", inner), sys.stdout.fileno())
@@ -355,7 +355,7 @@ def main(arguments: list[str]) -> None:
     """`arguments`: Zenoh's own port, and the descriptors of the sockets to guard."""
     system.raise_files_limit()
     inner, *descriptors = map(int, arguments)
-    asyncio.run(_serve(inner, [Listening(fileno=each) for each in descriptors]))
+    asyncio.run(_serve(inner, [ThrottledSocket(fileno=each) for each in descriptors]))
 
 
 if __name__ == "__main__":

@@ -26,8 +26,8 @@ from imud.ports.adapters import Listed, kind_of
 from imud.ports.adopted import AdoptedPorts, file_of
 from imud.ports.baud import Memory
 from imud.ports.holders import holders_of
-from imud.ports.listener import Listener
 from imud.ports.port import Port
+from imud.ports.receiver import EventReceiver
 from imud.ports.standing import (
     OPENED,
     Standing,
@@ -66,7 +66,7 @@ class Finder:
     def __init__(
         self,
         settings: PortSettings,
-        probes: Listener,
+        probes: EventReceiver,
         journal: Journal,
         *,
         listed: Callable[[], Iterable[Listed]] = list_ports.comports,

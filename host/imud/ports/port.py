@@ -16,7 +16,7 @@ from imud.journal.output import Journal
 from imud.journal.phrases import port_problem
 from imud.ports.baud import Memory, Sound, Trial, TrialStep
 from imud.ports.link import Link
-from imud.ports.listener import Claim, Listener
+from imud.ports.receiver import Claim, EventReceiver
 from imud.probes.session import (
     NOISE_BYTES,
     Event,
@@ -43,7 +43,7 @@ class Port:
     def __init__(
         self,
         name: str,
-        probes: Listener,
+        probes: EventReceiver,
         journal: Journal,
         memory: Memory,
         *,

@@ -6,7 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import msgspec
 import zenoh
+import zenoh.ext
 from zenoh.handlers import Callback
 
 from imud.config.settings import ZenohSettings
@@ -14,10 +16,10 @@ from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
 from imud.net.guard_process import GuardProcess
-from imud.net.presence import is_probe_gone, is_probe_here, is_probe_there
-from imud.net.publishers import Publisher, declare_publisher
 from imud.net.queries import OnCommand, Queries
 from imud.probes.record import Presence, Record
+
+Publisher = zenoh.Publisher | zenoh.ext.AdvancedPublisher
 
 # Time to close: what a slow subscriber has not taken by then is dropped.
 PATIENCE_S = 0.8
@@ -336,3 +338,46 @@ class ZenohSink:
 def _direct(tell: Callable[[Any], None]) -> Callable[[Any], None]:
     """Called by Zenoh's own threads: it waits for nothing, so it needs none itself."""
     return Callback(tell, indirect=False)
+
+
+def is_probe_there(status: bytes) -> bool:
+    """Whether the status is of a probe that is on a port and speaks our schema."""
+    found = msgspec.json.decode(status)
+    return found["port"] is not None and found["state"] != "other schema"
+
+
+def is_probe_here(record: Record | Presence) -> bool:
+    """Whether a record says that its probe is on a port of this daemon."""
+    if isinstance(record, Presence):
+        return record.is_alive
+    return record.topic == "status" and is_probe_there(record.payload)
+
+
+def is_probe_gone(payload: bytes) -> bool:
+    """Whether it is the status of a probe that was unplugged."""
+    try:
+        return bool(msgspec.json.decode(payload)["state"] == "gone")
+    except (msgspec.DecodeError, KeyError, TypeError):
+        return False
+
+
+def declare_publisher(session: zenoh.Session, key: str, history: int) -> Publisher:
+    """A publisher of a topic, the last part of `key`. Late subscribers can get the last
+    `history` poses.
+
+    Without `express`: one batch for each message was measured to lose some.
+    """
+    topic = key.rpartition("/")[2]
+    encoding = zenoh.Encoding.APPLICATION_JSON
+    if topic == "frame":
+        encoding = zenoh.Encoding.APPLICATION_OCTET_STREAM
+    drop = zenoh.CongestionControl.DROP
+    if topic == "pose" and history:
+        return zenoh.ext.declare_advanced_publisher(
+            session,
+            key,
+            encoding=encoding,
+            congestion_control=drop,
+            cache=zenoh.ext.CacheConfig(max_samples=history),
+        )
+    return session.declare_publisher(key, encoding=encoding, congestion_control=drop)

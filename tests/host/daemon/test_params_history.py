@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from imud.config.kept import ParamsSettings
+from imud.config.settings import ParamsSettings
 from imud.daemon import params_history
 from imud.daemon.params_history import FILES_MAX, HistoryFiles, entries_of
 from imud.errors import CommandRefused, FileError

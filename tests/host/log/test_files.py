@@ -227,7 +227,7 @@ def test_a_probe_that_is_not_to_be_logged_is_not(tmp_path: Path) -> None:
 
 
 def test_the_defaults_of_the_sink_and_of_the_configuration_are_one() -> None:
-    from imud.config.kept import LogSettings
+    from imud.config.settings import LogSettings
 
     log, settings = LogSettings(), Settings()
     assert settings.rotate_s == log.rotate_minutes * 60

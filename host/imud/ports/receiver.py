@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Whom ports hand events to, and which probes a port may speak for."""
+"""The receiver of what ports hear, and which probes a port may speak for."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from imud.probes.timeline import Timeline, host_ns
 GONE_NS = 3_000_000_000
 
 
-class Listener(Protocol):
+class EventReceiver(Protocol):
     """The interface that ports use: questions about their probes, and the receiver of
     events."""
 
@@ -35,7 +35,7 @@ class Claim:
     many, is ignored on this port.
     """
 
-    def __init__(self, probes: Listener, port: Any) -> None:
+    def __init__(self, probes: EventReceiver, port: Any) -> None:
         self._probes = probes
         self._port = port
         self._left_out: set[str] = set()  # ids that are heard here and ignored

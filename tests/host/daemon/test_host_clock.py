@@ -9,9 +9,8 @@ import pytest
 
 from imud.config.settings import Config
 from imud.daemon import host_clock
-from imud.daemon.host_clock import HostClock
-from imud.daemon.host_sync import MAXERROR_US, STA_UNSYNC, TIME_ERROR, Sync
-from imud.daemon.host_sync import sync_of_host as asked
+from imud.daemon.host_clock import MAXERROR_US, STA_UNSYNC, TIME_ERROR, HostClock, Sync
+from imud.daemon.host_clock import sync_of_host as asked
 from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import RecordPublisher
