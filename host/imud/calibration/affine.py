@@ -18,24 +18,14 @@ class MethodError(ImudError):
 
 @dataclass(frozen=True, slots=True)
 class Affine:
-    """True vector = matrix @ (reading - bias), in the unit of the readings. `sigma` is
-    the noise of each axis at rest, if the method uses it.
-    """
+    """True vector = matrix @ (reading - bias), in the unit of the readings."""
 
     matrix: FloatArray
     bias: FloatArray
-    sigma: FloatArray | None = None
 
     def apply(self, readings: FloatArray) -> FloatArray:
         """Of readings, shape (..., 3)."""
         return np.asarray((readings - self.bias) @ self.matrix.T)
-
-    def silenced(self, readings: FloatArray) -> FloatArray:
-        """The same; values within three sigma of zero become zero."""
-        values = self.apply(readings)
-        if self.sigma is None:
-            return values
-        return np.where(np.abs(values) < 3.0 * self.sigma, 0.0, values)
 
 
 def affine_of(of: Calibration | None, unit: float) -> Affine:

@@ -94,8 +94,3 @@ def wanted(fit: AccFit | None) -> StaticPose:
         return BASE_DOWN
     found = gains(fit)
     return ALL[int(np.argmax(found > 0.98 * found.max()))]
-
-
-def nearest(up: FloatArray) -> StaticPose:
-    """The pose that a stop was in."""
-    return ALL[int(np.argmax(UPS @ up))]

@@ -14,7 +14,6 @@ from imud.calibration.path import UP
 from imud.calibration.tip.positions import (
     axis_of,
     circle,
-    four_points,
     pivot,
     sphere,
     tip_below,
@@ -77,21 +76,11 @@ def test_of_offsets_from_poses_95_percent_are_inside_what_is_stated(
     assert 0.92 <= np.mean(inside) <= 0.99
 
 
-def test_four_points_and_the_sphere_of_least_squares_agree_without_errors() -> None:
+def test_a_sphere_through_four_points_is_theirs() -> None:
     places, _ = cone(np.random.default_rng(2), 4, 45.0, error_m=0.0)
-    centre, radius = four_points(places)
-    assert centre == pytest.approx(PLACE, abs=1e-9)
-    assert radius == pytest.approx(float(np.linalg.norm(TIP)))
     found = sphere(places, 1e-5)
     assert found.centre == pytest.approx(PLACE, abs=1e-7)
-    assert found.radius == pytest.approx(radius, abs=1e-7)
-
-
-def test_the_thesis_own_points_lie_on_a_sphere_about_the_origin() -> None:
-    corners = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
-    centre, radius = four_points(corners)
-    assert centre == pytest.approx([0, 0, 0], abs=1e-12)
-    assert radius == pytest.approx(3.0**0.5)
+    assert found.radius == pytest.approx(float(np.linalg.norm(TIP)), abs=1e-7)
 
 
 def test_a_cap_of_a_sphere_is_not_biased_by_noise() -> None:
@@ -133,7 +122,6 @@ def test_what_does_not_show_the_tip_is_refused_with_its_cure() -> None:
         ("two directions", lambda: pivot(places, attitudes[[0] * 10], ERROR_M)),
         ("give 4", lambda: sphere(places[:3], ERROR_M)),
         ("in a plane", lambda: sphere(places * [1, 1, 0], ERROR_M)),
-        ("in a plane", lambda: four_points(places[:4] * [1, 1, 0])),
         ("too little", lambda: sphere(cone(random, 6, 3.0)[0], ERROR_M)),
         ("give 3", lambda: circle(places[:2], ERROR_M)),
         ("on a line", lambda: circle(places * [1, 0, 0], ERROR_M)),

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Calibration in six positions, and the ellipsoid: Rozanowski, Lewandowski and Placha,
-"Determination of the Orientation of an Object within a 3D Space", equations 2 to 12.
+"Determination of the Orientation of an Object within a 3D Space", equations 2 to 12
+without the dead zones of 6 and 8, which would hide slow turns.
 """
 
 from __future__ import annotations
@@ -28,31 +29,30 @@ def fit(recording: SensorRecording, stops: list[StaticInterval]) -> MethodResult
 
 
 def accelerometer(recording: SensorRecording, stops: list[StaticInterval]) -> Affine:
-    """Twelve coefficients by least squares, equation 5; the dead zone of equation 6."""
+    """Twelve coefficients by least squares, equation 5."""
     positions = faces(recording, stops)
     check_faces(positions)
-    rows, wanted, spread = [], [], []
+    rows, wanted = [], []
     for name, own in positions.items():
         direction = SIGNS[name[0]] * np.eye(3)["xyz".index(name[1])]
         for stop in own:
             readings = recording.acc[stop.start : stop.end]
             rows.append([*readings.mean(axis=0), 1.0])
             wanted.append(direction * GRAVITY_M_S2)
-            spread.append(readings.std(axis=0, ddof=1))
     known = np.array(rows)
     found = np.linalg.solve(known.T @ known, known.T @ np.array(wanted))
     matrix = found[:3].T
     bias = -np.linalg.solve(matrix, found[3])
-    return Affine(matrix, bias, np.mean(spread, axis=0))
+    return Affine(matrix, bias)
 
 
 def gyroscope(recording: SensorRecording, stops: list[StaticInterval]) -> Affine:
-    """Offset and dead zone at rest, equations 7 and 8: of the longest stop."""
+    """Offset at rest, equation 7: of the longest stop."""
     if not stops:
         raise MethodError("the probe never lay still")
     rest = max(stops, key=len)
     readings = recording.gyr[rest.start : rest.end]
-    return Affine(np.eye(3), readings.mean(axis=0), readings.std(axis=0, ddof=1))
+    return Affine(np.eye(3), readings.mean(axis=0))
 
 
 def ellipsoid(readings: FloatArray, *, as_printed: bool = False) -> Affine:

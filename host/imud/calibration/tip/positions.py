@@ -78,19 +78,6 @@ def _spread(left: FloatArray, freedom: int) -> float:
     return math.sqrt(float(left @ left) / freedom) if freedom > 0 else 0.0
 
 
-def four_points(places: FloatArray) -> tuple[FloatArray, float]:
-    """Centre and radius of the sphere through four points (4, 3), as the thesis has it:
-    equations 9.1 to 9.6. MethodError if they lie in a plane.
-    """
-    slopes = 2.0 * (places[1:] - places[0])
-    squares = (places**2).sum(axis=1)
-    extent = np.linalg.svd(slopes, compute_uv=False)
-    if extent[-1] < FLAT * extent[0]:
-        raise MethodError("the points lie in a plane: lean the probe in two directions")
-    centre = np.linalg.solve(slopes, squares[1:] - squares[0])
-    return centre, float(np.linalg.norm(places[0] - centre))
-
-
 def _round(near: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     """Centre, radius and slopes of the sphere or the circle with the least squares of
     distances, for points (n, 3) or (n, 2) around 0. It begins with the algebraic fit,
