@@ -13,6 +13,26 @@
  * @property {boolean} [isFromZero]
  */
 
+/**
+ * A vector along the three axes.
+ * @type {(name: string, unit: string) => Plot["series"]}
+ */
+function threeAxes(name, unit) {
+  return ["x", "y", "z"].map((axis) => [axis, `${name}_${axis}_${unit}`, `axis-${axis}`]);
+}
+
+/**
+ * An angle as the filter has it, and as each sensor alone would.
+ * @type {(angle: string) => Plot["series"]}
+ */
+function compared(angle) {
+  return [
+    ["fused", `fused_${angle}_deg`, "accent"],
+    ["acc. alone", `acc_${angle}_deg`, "warn"],
+    ["gyro alone", `gyr_${angle}_deg`, "fourth"],
+  ];
+}
+
 /** @type {readonly Plot[]} */
 export const PLOTS = [
   {
@@ -43,33 +63,21 @@ export const PLOTS = [
     title: "Acceleration",
     unit: "m/s²",
     source: "raw",
-    series: [
-      ["x", "acc_x_m_s2", "axis-x"],
-      ["y", "acc_y_m_s2", "axis-y"],
-      ["z", "acc_z_m_s2", "axis-z"],
-    ],
+    series: threeAxes("acc", "m_s2"),
   },
   {
     id: "gyr",
     title: "Angular rate",
     unit: "°/s",
     source: "raw",
-    series: [
-      ["x", "gyr_x_deg_s", "axis-x"],
-      ["y", "gyr_y_deg_s", "axis-y"],
-      ["z", "gyr_z_deg_s", "axis-z"],
-    ],
+    series: threeAxes("gyr", "deg_s"),
   },
   {
     id: "mag",
     title: "Magnetic field",
     unit: "µT",
     source: "raw",
-    series: [
-      ["x", "mag_x_uT", "axis-x"],
-      ["y", "mag_y_uT", "axis-y"],
-      ["z", "mag_z_uT", "axis-z"],
-    ],
+    series: threeAxes("mag", "uT"),
   },
   {
     id: "pitch",
@@ -77,11 +85,7 @@ export const PLOTS = [
     unit: "°",
     source: "raw",
     isAngle: true,
-    series: [
-      ["fused", "fused_pitch_deg", "accent"],
-      ["acc. alone", "acc_pitch_deg", "warn"],
-      ["gyro alone", "gyr_pitch_deg", "fourth"],
-    ],
+    series: compared("pitch"),
   },
   {
     id: "roll",
@@ -89,11 +93,7 @@ export const PLOTS = [
     unit: "°",
     source: "raw",
     isAngle: true,
-    series: [
-      ["fused", "fused_roll_deg", "accent"],
-      ["acc. alone", "acc_roll_deg", "warn"],
-      ["gyro alone", "gyr_roll_deg", "fourth"],
-    ],
+    series: compared("roll"),
   },
   {
     id: "pi-error",
