@@ -44,6 +44,7 @@ Answer = Callable[[bytes, str], None]
 OnAsk = Callable[[str, str, dict[str, str], Answer, str], None]
 
 TOO_MUCH = "too many commands at once"
+NO_COMMANDS = "your role may not send commands"
 NO_LOGS = "your role may not read logs"
 NO_UPDATES = "your role may not update firmware"
 NO_PORTS = "your role may not change ports"
@@ -160,9 +161,8 @@ class BrowserSession:
         if self._playing is None and not reason and players.is_full:
             reason = "busy"
         if logs is None or reason:
-            self._context.connections.refuse(reason, self._connection)
             words = "too many logs are being played" if reason == "busy" else NO_LOGS
-            self._say_answer(request.id, b"", words)
+            self._refuse(request.id, reason, words)
             return
         try:
             path = await asyncio.to_thread(logs.path, request.name)
@@ -197,12 +197,10 @@ class BrowserSession:
     async def _tell_logs(self, request: Logs | Read) -> None:
         logs = self._context.logs
         if logs is None or not self._has_logs():
-            self._context.connections.refuse("role", self._connection)
-            self._say_answer(request.id, b"", NO_LOGS)
+            self._refuse(request.id, "role", NO_LOGS)
             return
         if self.browser.answers >= ASKS_MAX:
-            self._context.connections.refuse("busy", self._connection)
-            self._say_answer(request.id, b"", TOO_MUCH)
+            self._refuse(request.id, "busy", TOO_MUCH)
             return
         try:
             if isinstance(request, Logs):
@@ -225,8 +223,7 @@ class BrowserSession:
     async def _tell_ports(self, request: Ports | Adopt) -> None:
         ports = self._context.ports
         if ports is None or not self._has_ports():
-            self._context.connections.refuse("role", self._connection)
-            self._say_answer(request.id, b"", NO_PORTS)
+            self._refuse(request.id, "role", NO_PORTS)
             return
         try:
             if isinstance(request, Ports):
@@ -241,8 +238,7 @@ class BrowserSession:
 
     async def _calibrate(self, request: Calibrate) -> None:
         if not (self._grant.commands and CALIBRATION in self._grant.reads):
-            self._context.connections.refuse("role", self._connection)
-            self._say_answer(request.id, b"", "your role may not calibrate")
+            self._refuse(request.id, "role", "your role may not calibrate")
             return
         guides = self._context.guides
         try:
@@ -260,8 +256,7 @@ class BrowserSession:
     def _update(self, request: Update) -> None:
         updates = self._context.updates
         if updates is None or not self._grant.may_update:
-            self._context.connections.refuse("role", self._connection)
-            self._say_answer(request.id, b"", NO_UPDATES)
+            self._refuse(request.id, "role", NO_UPDATES)
             return
         try:
             updates.begin(request.probe)
@@ -274,10 +269,8 @@ class BrowserSession:
         reason = "" if self._grant.may_send(asked.command) else "role"
         reason = reason or ("busy" if self._asking >= ASKS_MAX else "")
         if reason:
-            self._context.connections.refuse(reason, self._connection)
-            words = "your role may not send commands"
-            words = TOO_MUCH if reason == "busy" else words
-            self._say_answer(asked.id, b"", words)
+            words = TOO_MUCH if reason == "busy" else NO_COMMANDS
+            self._refuse(asked.id, reason, words)
             return
         self._asking += 1
 
@@ -294,6 +287,11 @@ class BrowserSession:
     def _answered(self, asked: Ask, payload: bytes, error: str) -> None:
         self._asking -= 1
         self._say_answer(asked.id, payload, error)
+
+    def _refuse(self, number: int, reason: str, words: str) -> None:
+        """Counts a refusal, and answers request `number` with the reason in words."""
+        self._context.connections.refuse(reason, self._connection)
+        self._say_answer(number, b"", words)
 
     def _say_answer(self, number: int, payload: bytes, error: str) -> None:
         value = msgspec.Raw(payload) if payload else None
