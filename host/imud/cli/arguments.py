@@ -44,6 +44,18 @@ def add_probe(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_json(parser: argparse.ArgumentParser, text: str) -> None:
+    """--json: for programs; `text` says what it prints."""
+    parser.add_argument("--json", action="store_true", help=text)
+
+
+def add_seconds(parser: argparse.ArgumentParser) -> None:
+    """--seconds: after which a command that goes on ends."""
+    parser.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+
+
 def add_network(parser: argparse.ArgumentParser) -> None:
     """--connect, --prefix and --keys: how to reach a daemon; see client_of()."""
     parser.add_argument(

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import above_zero, add_command, whole
+from imud.cli.arguments import add_command, add_json, add_seconds, whole
 from imud.defaults import ENDPOINT, PREFIX
 
 if TYPE_CHECKING:
@@ -79,9 +79,7 @@ def _add_manner(body: argparse.ArgumentParser) -> None:
         default=RATE_HZ,
         help="states per second (default: %(default)s)",
     )
-    body.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
+    add_seconds(body)
 
 
 def _add_outputs(body: argparse.ArgumentParser) -> None:
@@ -95,11 +93,7 @@ def _add_outputs(body: argparse.ArgumentParser) -> None:
         "(default: %(const)s)",
     )
     body.add_argument("--log", metavar="DIR", type=Path, help="log the states (MCAP)")
-    body.add_argument(
-        "--json",
-        action="store_true",
-        help="print each state as one JSON line, as published",
-    )
+    add_json(body, "print each state as one JSON line, as published")
 
 
 def _run(args: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import above_zero, add_command, add_network
+from imud.cli.arguments import above_zero, add_command, add_json, add_network
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -55,9 +55,7 @@ def add(commands: Commands) -> None:
         help="write a report without names, for a bug report: .md or .json; without a "
         "suffix both",
     )
-    parser.add_argument(
-        "--json", action="store_true", help="print the report as JSON, no table"
-    )
+    add_json(parser, "print the report as JSON, no table")
     parser.add_argument(
         "--from",
         dest="source",

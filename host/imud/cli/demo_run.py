@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 
 from imud import checkout
 from imud.client import Client
-from imud.config.kept import state_home
+from imud.config.settings import state_home
 from imud.defaults import PAGE, PORT
 from imud.errors import ImudError
 from imud.probes.ledger import totals

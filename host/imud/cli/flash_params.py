@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from imud.cli.flash_desk import FlashDesk
-from imud.config.kept import state_home
+from imud.config.settings import state_home
 from imud.errors import FlashError, ImudError
 from imud.params import file
 from imud.params.value import Params

@@ -9,7 +9,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import add_command, add_network, client_of
+from imud.cli.arguments import add_command, add_json, add_network, client_of
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -40,9 +40,7 @@ def _add_show(actions: Commands) -> None:
         "imud params show stylus --json",
     )
     _add_probe(show)
-    show.add_argument(
-        "--json", action="store_true", help="print one JSON object, as published"
-    )
+    add_json(show, "print one JSON object, as published")
     add_network(show)
     show.set_defaults(run=_show)
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import add_command
+from imud.cli.arguments import add_command, add_json
 from imud.machine import system
 
 if TYPE_CHECKING:
@@ -43,11 +43,9 @@ def add(commands: Commands) -> None:
         "adopt it or name it: imud run PORT.",
     )
     _add_config(ports)
-    ports.add_argument(
-        "--json",
-        action="store_true",
-        help="print one JSON object a port: port, kind, standing, is_opened, why, "
-        "held_by",
+    add_json(
+        ports,
+        "print one JSON object a port: port, kind, standing, is_opened, why, held_by",
     )
     ports.set_defaults(run=_list)
     actions = ports.add_subparsers(metavar="[adopt|release]")

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 from imud.cli.arguments import (
     above_zero,
     add_command,
+    add_json,
     add_network,
     add_probe,
+    add_seconds,
     client_of,
 )
 from imud.defaults import ENDPOINT
@@ -52,12 +54,8 @@ def _add_record(commands: Commands) -> None:
         default=Path("logs"),
         help="folder of the logs (default: %(default)s)",
     )
-    record.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
-    record.add_argument(
-        "--json", action="store_true", help="print a summary as one JSON object"
-    )
+    add_seconds(record)
+    add_json(record, "print a summary as one JSON object")
     add_network(record)
     record.set_defaults(run=_record)
 
@@ -72,9 +70,7 @@ def _add_decode(commands: Commands) -> None:
     decode.add_argument(
         "file", metavar="FILE", type=Path, help="what to print; -: standard input"
     )
-    decode.add_argument(
-        "--json", action="store_true", help="print one JSON object a line"
-    )
+    add_json(decode, "print one JSON object a line")
     decode.set_defaults(run=_decode)
 
 
@@ -86,9 +82,7 @@ def _add_info(commands: Commands) -> None:
         "imud info logs/*.mcap",
     )
     info.add_argument("logs", metavar="LOG", nargs="+", type=Path, help=A_LOG)
-    info.add_argument(
-        "--json", action="store_true", help="print one JSON object per log"
-    )
+    add_json(info, "print one JSON object per log")
     info.set_defaults(run=_info)
 
 

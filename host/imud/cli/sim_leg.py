@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import above_zero, add_command, whole
+from imud.cli.arguments import above_zero, add_command, add_seconds, whole
 from imud.virtual.boards import BOARDS
 
 if TYPE_CHECKING:
@@ -54,9 +54,7 @@ def add(boards: Commands) -> None:
         help="random seed of the leg, and of the mounting and errors of its probes "
         "(default: %(default)s)",
     )
-    parser.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
+    add_seconds(parser)
     add_programs(parser)
     parser.set_defaults(run=_run)
 

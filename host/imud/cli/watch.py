@@ -7,10 +7,11 @@ import argparse
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import (
-    above_zero,
     add_command,
+    add_json,
     add_network,
     add_probe,
+    add_seconds,
     client_of,
 )
 from imud.defaults import PAGE
@@ -48,14 +49,11 @@ def _add_listen(commands: Commands) -> None:
         "roll with the left side up; nectec: as nautical, yaw and roll exchanged; "
         "matrix: the probe's axes x, y, z (columns) along east, north, up (rows)",
     )
-    listen.add_argument(
-        "--json",
-        action="store_true",
-        help="print each pose as one JSON line, as published; --angles adds its angles",
+    add_json(
+        listen,
+        "print each pose as one JSON line, as published; --angles adds its angles",
     )
-    listen.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
+    add_seconds(listen)
     add_network(listen)
     listen.set_defaults(run=_listen)
 
@@ -78,12 +76,8 @@ def _add_strokes(commands: Commands) -> None:
         "origin: print the closure error of the path, and the path with that error "
         "spread evenly over its strokes; a double click of its button does so at once",
     )
-    strokes.add_argument(
-        "--json", action="store_true", help="print one JSON object a line, as published"
-    )
-    strokes.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
+    add_json(strokes, "print one JSON object a line, as published")
+    add_seconds(strokes)
     add_network(strokes)
     strokes.set_defaults(run=_strokes)
 
@@ -95,11 +89,7 @@ def _add_list(commands: Commands) -> None:
         "list the probes with their state, rate, losses and accuracy",
         "imud list --ledger",
     )
-    listing.add_argument(
-        "--json",
-        action="store_true",
-        help="print one status object a line, as published",
-    )
+    add_json(listing, "print one status object a line, as published")
     listing.add_argument(
         "--ledger",
         action="store_true",
@@ -117,9 +107,7 @@ def _add_monitor(commands: Commands) -> None:
         "imud monitor --keys viewer.toml",
         "q or Ctrl-C ends it. Into a pipe it writes one line per probe and second.",
     )
-    monitor.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
+    add_seconds(monitor)
     add_network(monitor)
     monitor.set_defaults(run=_monitor)
 
