@@ -141,14 +141,7 @@ class BootNumbers:
         step_us = (frame.time_us - self._time_us + TIME_SLACK_US) & _MASK
         if step_us >= _HALF:  # backwards, or after a silence: ordering() knows
             return False
-        self.last = number
-        self._time_us = frame.time_us
-        self._t_ns = frame.t_ns
-        self._recent[number % NUMBERS_KEPT] = (
-            number,
-            crc32(frame.content),
-            frame.time_us,
-        )
+        self._keep(number, frame)
         self.received += 1
         return True
 
@@ -157,19 +150,19 @@ class BootNumbers:
         number = self.number(frame.sequence)
         if self.last < self.first:
             self.first = number
-        if number > self.last:
-            self.last = number
-            self._time_us = frame.time_us
-            self._t_ns = frame.t_ns
-        self._recent[number % NUMBERS_KEPT] = (
-            number,
-            crc32(frame.content),
-            frame.time_us,
-        )
+        self._keep(number, frame)
         if skew is None:
             self.received += 1
         else:
             self.skewed[skew] += 1
+
+    def _keep(self, number: int, frame: DecodedFrame) -> None:
+        if number > self.last:
+            self.last = number
+            self._time_us = frame.time_us
+            self._t_ns = frame.t_ns
+        kept = number, crc32(frame.content), frame.time_us
+        self._recent[number % NUMBERS_KEPT] = kept
 
     def counts(self) -> dict[str, object]:
         return {
