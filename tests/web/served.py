@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 from imud.flash.firmware import Firmware
 from imud.web.logs import LogFolder
 from imud.web.server import Page
-from imud.web.session import PortDesk
+from imud.web.session import PortControl
 from imud.web.users import Users
 
 PATIENCE_S = 30.0
@@ -51,7 +51,7 @@ class Served:
         users: Users | None = None,
         logs: LogFolder | None = None,
         origins: Collection[str] = (),
-        ports: PortDesk | None = None,
+        ports: PortControl | None = None,
         firmware: tuple[Firmware, ...] | None = None,
     ) -> None:
         self.asked = Asked()

@@ -66,7 +66,7 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="also write an image that is older, the same, or has another schema",
     )
-    # Its page has begun it, and answers on stdin: cli/flash_desk.py.
+    # Its page has begun it, and answers on stdin: cli/flash_client.py.
     flash.add_argument("--for-page", action="store_true", help=argparse.SUPPRESS)
     add_network(flash)
     flash.set_defaults(run=_flash)

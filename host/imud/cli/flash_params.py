@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from imud.cli.flash_desk import FlashDesk
+from imud.cli.flash_client import FlashClient
 from imud.config.settings import state_home
 from imud.errors import FlashError, ImudError
 from imud.params import file
@@ -20,7 +20,7 @@ PARAMS_S = 10.0  # a probe sends a part of its params after each hello
 TICK_S = 0.2
 
 
-def keep(desk: FlashDesk, status: dict[str, Any], *, is_forced: bool) -> None:
+def keep(client: FlashClient, status: dict[str, Any], *, is_forced: bool) -> None:
     """Saves the params in force to the probe's file. Those of other firmware can't be
     read. FlashError if ours can't either, unless that `is_forced`.
     """
@@ -31,7 +31,7 @@ def keep(desk: FlashDesk, status: dict[str, Any], *, is_forced: bool) -> None:
         _say("this imud can't read its params: flashing does not change them")
         return
     try:
-        before = _of(desk, name)
+        before = _of(client, name)
     except FlashError as error:
         if is_forced:
             return
@@ -44,12 +44,12 @@ def keep(desk: FlashDesk, status: dict[str, Any], *, is_forced: bool) -> None:
     _say(f"{_named(before)}, saved to {path}")
 
 
-def restore(desk: FlashDesk, status: dict[str, Any]) -> None:
+def restore(client: FlashClient, status: dict[str, Any]) -> None:
     """Compares the active params with those of the probe's file, if there is one, and
     loads these if they differ. FlashError with where they are if that does not work.
     """
     name = str(status["probe"])
-    now, path = _of(desk, name), _path(status)
+    now, path = _of(client, name), _path(status)
     if not path.exists():
         _say(f"active: {_named(now)}")
         return
@@ -57,7 +57,7 @@ def restore(desk: FlashDesk, status: dict[str, Any]) -> None:
     if now.digest != before.digest:
         _say(f"active: {_named(now)}; loading the previous ones")
         try:
-            desk.change_params(name, before.encode())
+            client.change_params(name, before.encode())
         except ImudError as error:
             raise FlashError(
                 f"the params were not restored ({error}): imud params load {name} "
@@ -72,14 +72,14 @@ def _path(status: dict[str, Any]) -> Path:
     return folder / f"{status['probe_id']}.toml"
 
 
-def _of(desk: FlashDesk, name: str) -> Params:
+def _of(client: FlashClient, name: str) -> Params:
     """The active params, once the probe has sent them all; FlashError if it does not,
     or if they can't be read.
     """
     until_s = time.monotonic() + PARAMS_S
     while True:
         try:
-            return Params.decode(bytes.fromhex(desk.params(name)["bytes"]))
+            return Params.decode(bytes.fromhex(client.params(name)["bytes"]))
         except ImudError as error:
             if time.monotonic() > until_s:
                 text = f"{name} does not send its params ({error})"

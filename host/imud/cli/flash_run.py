@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from imud.cli import flash_desk, flash_params, reached
+from imud.cli import flash_client, flash_params, reached
 from imud.cli.check_ports import only_port
-from imud.cli.flash_desk import FlashBar, FlashDesk
+from imud.cli.flash_client import FlashBar, FlashClient
 from imud.cli.reached import NoProbeHere, Reached
 from imud.commands import LENT_MAX_S
 from imud.errors import CommandRefused, FlashError, ImudError, LinkError, ProbeUnknown
@@ -48,14 +48,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_for_page(args: argparse.Namespace) -> int:
-    desk = flash_desk.page_desk()
+    client = flash_client.page_client()
     try:
-        statuses = desk.statuses(args.port)
+        statuses = client.statuses(args.port)
         if not statuses:
             raise ProbeUnknown(f"there is no probe {args.port}")
-        return _flash_probe(args, desk, statuses[0], args.port)
+        return _flash_probe(args, client, statuses[0], args.port)
     except ImudError as error:
-        desk.tell(error=str(error))
+        client.tell(error=str(error))
         return 1
 
 
@@ -101,7 +101,7 @@ def _flash_unknown(args: argparse.Namespace) -> int:
 
 
 def _flash_probe(
-    args: argparse.Namespace, desk: FlashDesk, status: dict[str, Any], title: str
+    args: argparse.Namespace, client: FlashClient, status: dict[str, Any], title: str
 ) -> int:
     name, hello = str(status["probe"]), dict(status["hello"])
     kind = args.board or str(hello["board"])
@@ -118,17 +118,17 @@ def _flash_probe(
     if args.dry_run:
         _say("nothing was written")
         return 0
-    flash_params.keep(desk, status, is_forced=args.force)
-    with _lent(desk, name) as port:
-        _write(write, kind, port, image, desk)
+    flash_params.keep(client, status, is_forced=args.force)
+    with _lent(client, name) as port:
+        _write(write, kind, port, image, client)
     if write in BY_HAND:
         _say("wire it for use (docs/f405.md), disconnect BOOT0, and press RST")
-    now = _back(desk, name, image)
+    now = _back(client, name, image)
     _say(f"firmware {hello['firmware']} -> {now['hello']['firmware']}")
     had, has = hello.get("filter"), now["hello"]["filter"]
     if had not in (None, has):
         _say(f"filter {had} -> {has}")
-    flash_params.restore(desk, now)
+    flash_params.restore(client, now)
     return 0
 
 
@@ -201,9 +201,9 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 @contextlib.contextmanager
-def _lent(desk: FlashDesk, name: str) -> Iterator[str]:
+def _lent(client: FlashClient, name: str) -> Iterator[str]:
     """The port of a probe, which its daemon has closed meanwhile."""
-    port = str(desk.command(name, "lend", seconds=str(LENT_MAX_S))["value"])
+    port = str(client.command(name, "lend", seconds=str(LENT_MAX_S))["value"])
     try:
         if not Path(port).exists():
             raise FlashError(
@@ -212,11 +212,11 @@ def _lent(desk: FlashDesk, name: str) -> Iterator[str]:
         yield port
     finally:
         with contextlib.suppress(CommandRefused):
-            desk.command(name, "lend", seconds="0")
+            client.command(name, "lend", seconds="0")
 
 
 def _write(
-    write: Write, kind: str, port: str, image: Image, desk: FlashDesk | None
+    write: Write, kind: str, port: str, image: Image, client: FlashClient | None
 ) -> None:
     """Writes and reads back, again if it was not kept. FlashError with what to do."""
     began_s = time.monotonic()
@@ -227,7 +227,7 @@ def _write(
         again = f"{COMMAND} --board {kind}"
     half: HalfWritten | None = None  # of any try: a later one may not begin at all
     for tries_left in reversed(range(TRIES)):
-        bar = flash_desk.bar_for(desk)
+        bar = flash_client.bar_for(client)
 
         def on_progress(done: int, of: int, bar: FlashBar = bar) -> None:
             bar.update(done / of)
@@ -258,12 +258,12 @@ def _write(
         return
 
 
-def _back(desk: FlashDesk, name: str, image: Image) -> dict[str, Any]:
+def _back(client: FlashClient, name: str, image: Image) -> dict[str, Any]:
     """The status of the probe, once it runs what was written."""
     until_s = time.monotonic() + BACK_S
     wanted = None if image.about is None else image.about.version
     while time.monotonic() < until_s:
-        for status in desk.statuses(name):
+        for status in client.statuses(name):
             hello = status["hello"]
             is_there = status["state"] not in ("gone", "silent")
             if is_there and wanted in (None, hello.get("firmware")):

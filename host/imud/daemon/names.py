@@ -10,7 +10,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from imud import kept_json
+from imud import json_file
 from imud.config.rules import contradictions
 from imud.config.settings import Config
 from imud.errors import FileError
@@ -28,7 +28,7 @@ def path_of(config: Config) -> Path:
 def known(path: Path) -> dict[str, str]:
     """Names by id. FileError: the file is none of ours, or can't be read."""
     cure = "remove it, and name the probes again"
-    return kept_json.read(path, dict[str, str], cure, missing={})
+    return json_file.read(path, dict[str, str], cure, missing={})
 
 
 def with_names(config: Config) -> Config:
@@ -57,4 +57,4 @@ def keep(config: Config, probe_id: str, name: str) -> None:
     """Writes a name into the file. FileError if that is not possible."""
     path = path_of(config)
     names = known(path) | {probe_id: name}
-    kept_json.write(path, dict(sorted(names.items())))
+    json_file.write(path, dict(sorted(names.items())))

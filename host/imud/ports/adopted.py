@@ -14,7 +14,7 @@ from pathlib import Path
 
 import msgspec
 
-from imud import kept_json
+from imud import json_file
 from imud.errors import FileError
 from imud.machine import system
 from imud.ports.adapters import Listed, kind_of
@@ -121,7 +121,7 @@ class AdoptedPorts:
         if state == self._state:
             return False
         cure = "remove it, and adopt the ports again"
-        self._known = kept_json.read(self.path, _Memory, cure).ports
+        self._known = json_file.read(self.path, _Memory, cure).ports
         self._state = state
         return True
 
@@ -154,7 +154,7 @@ class AdoptedPorts:
     def _write(self, ports: list[AdoptedPort]) -> None:
         """They are ours for as long as this runs, even if they can't be written."""
         self._known = ports
-        at = kept_json.write(self.path, _Memory(ports))
+        at = json_file.write(self.path, _Memory(ports))
         self._state = (at.st_mtime_ns, at.st_ino)
 
 

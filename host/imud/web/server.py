@@ -34,7 +34,7 @@ from imud.web.files import Files
 from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
 from imud.web.playing import Players
-from imud.web.session import BrowserSession, OnAsk, PortDesk, SessionContext
+from imud.web.session import BrowserSession, OnAsk, PortControl, SessionContext
 from imud.web.updater import Updates
 from imud.web.users import Everybody, Users
 from imud.wire import schema
@@ -71,7 +71,7 @@ class Page:
         users: Users | None = None,
         about: Mapping[str, Any] | None = None,
         logs: LogFolder | None = None,
-        ports: PortDesk | None = None,
+        ports: PortControl | None = None,
         firmware: tuple[Firmware, ...] | None = None,
         origins: Collection[str] = (),
         on_notice: OnNotice = lambda *_: None,

@@ -53,7 +53,7 @@ LOGINS_MAX = 3
 LOGIN_PAUSE_S = 0.5  # after a wrong password
 
 
-class PortDesk(Protocol):
+class PortControl(Protocol):
     """The ports of the daemon's machine; each call may raise an ImudError."""
 
     def rows(self) -> Any: ...
@@ -72,7 +72,7 @@ class SessionContext(msgspec.Struct, frozen=True):
     guides: Guides
     players: Players
     logs: LogFolder | None = None  # None: there are none here
-    ports: PortDesk | None = None  # None: they are another machine's
+    ports: PortControl | None = None  # None: they are another machine's
     updates: Updates | None = None  # None: so are its boards
 
 

@@ -24,7 +24,7 @@ from imud.progress import Progress
 SHARE_S = 0.1  # between two lines of progress
 
 
-class FlashDesk(Protocol):
+class FlashClient(Protocol):
     """The part of imud.client.Client that a flash needs."""
 
     def statuses(self, probe: str | None = None) -> list[dict[str, Any]]: ...
@@ -43,7 +43,7 @@ class PageAnswer(msgspec.Struct, frozen=True):
     error: str = ""
 
 
-class PageDesk:
+class PageClient:
     """The page that has started this program, for the one probe that it is about."""
 
     def __init__(self, lines: BinaryIO, out: BinaryIO) -> None:
@@ -87,29 +87,31 @@ class PageDesk:
 class PageBar:
     """Tells the page how much is written."""
 
-    def __init__(self, desk: PageDesk) -> None:
-        self._desk = desk
+    def __init__(self, client: PageClient) -> None:
+        self._client = client
         self._told_s = float("-inf")
 
     def update(self, done: float) -> None:
         now_s = time.monotonic()
         if now_s - self._told_s >= SHARE_S:
             self._told_s = now_s
-            self._desk.tell(share=round(done, 3))
+            self._client.tell(share=round(done, 3))
 
     def end(self) -> None:
-        self._desk.tell(share=None)
+        self._client.tell(share=None)
 
 
-def page_desk() -> PageDesk:
+def page_client() -> PageClient:
     """On this program's stdin and stdout. From now on the page alone ends it: a signal
     for the daemon's whole group would leave a board half written.
     """
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, signal.SIG_IGN)
-    return PageDesk(sys.stdin.buffer, sys.stdout.buffer)
+    return PageClient(sys.stdin.buffer, sys.stdout.buffer)
 
 
-def bar_for(desk: FlashDesk | None) -> FlashBar:
+def bar_for(client: FlashClient | None) -> FlashBar:
     """A bar in the terminal, or on the page."""
-    return PageBar(desk) if isinstance(desk, PageDesk) else Progress("writing", 1.0)
+    return (
+        PageBar(client) if isinstance(client, PageClient) else Progress("writing", 1.0)
+    )
