@@ -6,10 +6,9 @@
 #include <stddef.h>
 #include <string.h>
 
-struct chip_motion chip_motion_from(chip_motion_function function, void *context) {
+struct chip_motion chip_motion_from(struct chip_motion_source source) {
     return (struct chip_motion){
-        .function = function,
-        .context = context,
+        .source = source,
         .held[CHIP_ACC] = {0.0, 0.0, STANDARD_GRAVITY},
         .held[CHIP_MAG] = {0.0, 20.0, -40.0},
     };
@@ -24,8 +23,9 @@ void chip_motion_hold(struct chip_motion *motion, const double gyr_rad_s[3],
 
 void chip_motion_mean(const struct chip_motion *motion, enum chip_quantity quantity,
                       int64_t from_ns, int64_t to_ns, double mean[3]) {
-    if (motion->function != NULL) {
-        motion->function(motion->context, quantity, from_ns, to_ns, mean);
+    const struct chip_motion_source *source = &motion->source;
+    if (source->function != NULL) {
+        source->function(source->context, quantity, from_ns, to_ns, mean);
     } else {
         memcpy(mean, motion->held[quantity], sizeof motion->held[0]);
     }

@@ -4,6 +4,7 @@
 #ifndef SIM_CHIPS_CHIP_MOTION_H
 #define SIM_CHIPS_CHIP_MOTION_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #define STANDARD_GRAVITY 9.80665  // m/s2
@@ -20,15 +21,21 @@ enum chip_quantity {
 typedef void (*chip_motion_function)(void *context, enum chip_quantity quantity,
                                      int64_t from_ns, int64_t to_ns, double mean[3]);
 
-struct chip_motion {
-    chip_motion_function function;  // null: the motion is `held`
+// Where motion comes from.
+struct chip_motion_source {
+    chip_motion_function function;  // null: it is held
     void *context;
+    bool is_recorded;  // a sensor's low-pass is in the motion already
+};
+
+struct chip_motion {
+    struct chip_motion_source source;
     double held[3][3];  // by chip_quantity
 };
 
-// The motion of that function or, with null, lying still, level, in a field of
-// (0, 20, -40) uT until chip_motion_hold().
-struct chip_motion chip_motion_from(chip_motion_function function, void *context);
+// The motion of that source or, where it has no function, lying still, level, in a
+// field of (0, 20, -40) uT until chip_motion_hold().
+struct chip_motion chip_motion_from(struct chip_motion_source source);
 void chip_motion_hold(struct chip_motion *motion, const double gyr_rad_s[3],
                       const double acc_m_s2[3], const double mag_ut[3]);
 // The mean over (from_ns, to_ns], as chip_motion_function gives it.

@@ -131,7 +131,7 @@ static void tell_idle(struct i2c_slave *slave) {
 
 bool i2c_slave_start(struct i2c_slave *slave, uint64_t now_ns, uint8_t address,
                      bool is_read) {
-    slave->ops->advance(slave->chip, now_ns);
+    slave->advance(slave->chip, now_ns);
     if (!slave->is_transfer) {
         tell_idle(slave);
         slave->is_transfer = true;
@@ -153,7 +153,7 @@ bool i2c_slave_start(struct i2c_slave *slave, uint64_t now_ns, uint8_t address,
 }
 
 bool i2c_slave_write(struct i2c_slave *slave, uint64_t now_ns, uint8_t byte) {
-    slave->ops->advance(slave->chip, now_ns);
+    slave->advance(slave->chip, now_ns);
     slave->byte++;
     if (slave->die == I2C_SLAVE_NOBODY || slave->is_read || is_sda_held(slave)) {
         return false;
@@ -172,7 +172,7 @@ bool i2c_slave_write(struct i2c_slave *slave, uint64_t now_ns, uint8_t byte) {
 }
 
 uint8_t i2c_slave_read(struct i2c_slave *slave, uint64_t now_ns, bool ack) {
-    slave->ops->advance(slave->chip, now_ns);
+    slave->advance(slave->chip, now_ns);
     slave->byte++;
     if (is_sda_held(slave)) {
         return 0x00;
@@ -188,19 +188,19 @@ uint8_t i2c_slave_read(struct i2c_slave *slave, uint64_t now_ns, bool ack) {
 }
 
 void i2c_slave_stop(struct i2c_slave *slave, uint64_t now_ns) {
-    slave->ops->advance(slave->chip, now_ns);
+    slave->advance(slave->chip, now_ns);
     slave->die = I2C_SLAVE_NOBODY;
     slave->is_transfer = false;
     tell_idle(slave);
 }
 
 bool i2c_slave_holds_sda(struct i2c_slave *slave, uint64_t now_ns) {
-    slave->ops->advance(slave->chip, now_ns);
+    slave->advance(slave->chip, now_ns);
     return is_sda_held(slave);
 }
 
 void i2c_slave_scl_pulse(struct i2c_slave *slave, uint64_t now_ns) {
-    slave->ops->advance(slave->chip, now_ns);
+    slave->advance(slave->chip, now_ns);
     for (unsigned i = 0; i < slave->fault_count; i++) {
         if (holds(slave, &slave->faults[i])) {
             slave->faults[i].clocks++;

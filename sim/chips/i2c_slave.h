@@ -18,7 +18,6 @@ enum { I2C_SLAVE_FAULTS_MAX = 32, I2C_SLAVE_NOBODY = 0 };
 // The functions of a model for its wire. `chip` is the model, `die` the number, from 1,
 // that find_die() gave.
 struct i2c_slave_chip {
-    void (*advance)(void *chip, uint64_t now_ns);  // sets now_ns of the slave
     // The die that answers to a 7-bit address, or I2C_SLAVE_NOBODY.
     uint8_t (*find_die)(void *chip, uint8_t address);
     // The first byte that is written after the address: the register's number.
@@ -44,6 +43,7 @@ struct i2c_slave_fault {
 // Private to i2c_slave.c, except where comments name the model.
 struct i2c_slave {
     const struct i2c_slave_chip *ops;
+    void (*advance)(void *chip, uint64_t now_ns);  // sets now_ns of the slave
     void *chip;
     struct i2c_slave_fault faults[I2C_SLAVE_FAULTS_MAX];
     unsigned fault_count;

@@ -11,8 +11,7 @@
 // ST's driver of the LSM6DSO for Qualcomm's hubs (delay by data rate, clock dividers).
 // "Memory" beside a number: AN5192 on the LSM6DSO, not at hand.
 //
-// Time is an argument, in nanoseconds since power came, and never goes back. The model
-// asks for motion in its own axes, right-handed, in SI units.
+// The model asks for motion in its own axes.
 //
 // Open points of the documents, and the model's choice:
 // - Its one clock has an error that may change with temperature; no document says by
@@ -34,29 +33,24 @@
 // Not modelled: noise and offsets, which the motion has (`imud sim --module`); FIFO,
 // timestamps, high-pass filters, circular bursts, events, sensor hub, embedded
 // functions, ultra-low power, DEN, the auxiliary interface, SPI, I3C. Turning one on is
-// reported (lsm6dsox_chip_complaint), like a use that the data sheet forbids.
+// reported (sensor_chip_complaint), like a use that the data sheet forbids.
 #ifndef SIM_CHIPS_LSM6DSOX_H
 #define SIM_CHIPS_LSM6DSOX_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "chip_motion.h"
-#include "i2c_slave.h"
+#include "sensor_chip.h"
 
 enum lsm6dsox_chip_pin { LSM6DSOX_CHIP_INT1, LSM6DSOX_CHIP_INT2 };
 
 enum { LSM6DSOX_CHIP_RANGES = 6 };  // of the gyroscope: 125 to 4000 deg/s
 
 struct lsm6dsox_chip_config {
-    chip_motion_function motion;  // null: the motion is that of lsm6dsox_chip_hold()
-    void *context;
-    bool is_recorded;       // a sensor's low-pass is in the motion already
-    double rate_error_ppm;  // of its clock at 25 degC; positive is fast
-    double rate_ppm_per_c;  // how that changes as it warms up
-    double temperature_c;
+    struct sensor_chip_config sensor;
+    double rate_error_ppm;       // of its clock at 25 degC; positive is fast
+    double rate_ppm_per_c;       // how that changes as it warms up
     double temperature_error_c;  // DS table 5: -15 to 15
-    uint64_t startup_ns;         // from power-up until registers answer
     uint64_t reset_ns;           // how long SW_RESET takes
     uint64_t boot_ns;            // how long BOOT takes
     uint64_t gyr_turn_on_ns;     // from power-down until readings are good
@@ -67,44 +61,12 @@ struct lsm6dsox_chip_config {
     double acc_self_test_mg[3];                      // response of each axis
 };
 
-struct lsm6dsox_chip;
-
 // A plain LSM6DSOX, which an LSM6DSO equals here: no errors, 25 degC, SA0 low.
 struct lsm6dsox_chip_config lsm6dsox_chip_defaults(void);
 // A plain ISM330DHCX.
 struct lsm6dsox_chip_config lsm6dsox_chip_ism330dhcx(void);
 
-// A chip whose power comes at time 0. Null where memory is out.
-struct lsm6dsox_chip *lsm6dsox_chip_new(const struct lsm6dsox_chip_config *config);
-void lsm6dsox_chip_free(struct lsm6dsox_chip *chip);
-// Power goes and comes back at now_ns; faults stay.
-void lsm6dsox_chip_power_cycle(struct lsm6dsox_chip *chip, uint64_t now_ns);
-
-// The motion from now on where the configuration has no function. Before the first
-// call: lying still, level. The field is of no account.
-void lsm6dsox_chip_hold(struct lsm6dsox_chip *chip, const double gyr_rad_s[3],
-                        const double acc_m_s2[3], const double mag_ut[3]);
-void lsm6dsox_chip_set_temperature(struct lsm6dsox_chip *chip, double temperature_c);
-
-// Lets time pass; every other function with a time does so first.
-void lsm6dsox_chip_advance(struct lsm6dsox_chip *chip, uint64_t now_ns);
-// When something next happens by itself; UINT64_MAX where nothing will.
-uint64_t lsm6dsox_chip_next_event(const struct lsm6dsox_chip *chip);
-// The level of a pin (an open-drain one has its pull-up). It may also change with a
-// byte on the wire: data-ready goes as the data are read.
-bool lsm6dsox_chip_pin_is_high(const struct lsm6dsox_chip *chip,
-                               enum lsm6dsox_chip_pin pin);
-
-// The chip on the wire: its bytes, whole transactions, faults. Its die is number 1.
-struct i2c_slave *lsm6dsox_chip_wire(struct lsm6dsox_chip *chip);
-
-// For tests: a register with no side effects, transactions so far, samples of a
-// quantity so far, and the first thing the host did against the documents (null:
-// nothing).
-uint8_t lsm6dsox_chip_peek(const struct lsm6dsox_chip *chip, uint8_t reg);
-uint64_t lsm6dsox_chip_transactions(const struct lsm6dsox_chip *chip);
-uint64_t lsm6dsox_chip_samples(const struct lsm6dsox_chip *chip,
-                               enum chip_quantity quantity);
-const char *lsm6dsox_chip_complaint(const struct lsm6dsox_chip *chip);
+// A chip whose power comes at time 0. Null where memory is out. Its die is number 1.
+struct sensor_chip *lsm6dsox_chip_new(const struct lsm6dsox_chip_config *config);
 
 #endif

@@ -11,11 +11,9 @@
 
 enum { DIE_IMU = 1, DIE_MAG };
 
-// Either an MPU-9250, or the pair.
+// An MPU-9250 alone, or the pair: the LSM6DSOX, then the LIS3MDL.
 struct module {
-    struct mpu9250_chip *mpu9250;
-    struct lsm6dsox_chip *imu;
-    struct lis3mdl_chip *mag;
+    struct sensor_chip *chips[I2C_BUS_SLAVES_MAX];
     struct i2c_bus bus;
 };
 
@@ -27,38 +25,18 @@ bool module_is_known(const char *name) {
     return name == NULL || strcmp(name, "mpu9250") == 0 || is_pair(name);
 }
 
-static bool make_mpu9250(struct module *module, const struct module_config *config) {
-    struct mpu9250_chip_config own = mpu9250_chip_defaults();
-    own.motion = config->motion;
-    own.context = config->context;
-    own.is_recorded = config->is_recorded;
-    own.startup_ns = config->starts_at_once ? 0 : own.startup_ns;
-    module->mpu9250 = mpu9250_chip_new(&own);
-    if (module->mpu9250 == NULL) {
-        return false;
-    }
-    module->bus = (struct i2c_bus){{mpu9250_chip_wire(module->mpu9250)}, 1};
-    return true;
+static void configure(struct sensor_chip_config *sensor,
+                      const struct module_config *config) {
+    sensor->motion = config->motion;
+    sensor->startup_ns = config->starts_at_once ? 0 : sensor->startup_ns;
 }
 
-static bool make_pair(struct module *module, const struct module_config *config) {
-    struct lsm6dsox_chip_config imu = lsm6dsox_chip_defaults();
-    imu.motion = config->motion;
-    imu.context = config->context;
-    imu.is_recorded = config->is_recorded;
-    imu.startup_ns = config->starts_at_once ? 0 : imu.startup_ns;
-    struct lis3mdl_chip_config mag = lis3mdl_chip_defaults();
-    mag.motion = config->motion;
-    mag.context = config->context;
-    mag.startup_ns = config->starts_at_once ? 0 : mag.startup_ns;
-    module->imu = lsm6dsox_chip_new(&imu);
-    module->mag = lis3mdl_chip_new(&mag);
-    if (module->imu == NULL || module->mag == NULL) {
-        return false;
+static void add(struct module *module, struct sensor_chip *chip) {
+    if (chip != NULL) {
+        module->chips[module->bus.count] = chip;
+        module->bus.slaves[module->bus.count] = sensor_chip_wire(chip);
+        module->bus.count++;
     }
-    module->bus = (struct i2c_bus){
-        {lsm6dsox_chip_wire(module->imu), lis3mdl_chip_wire(module->mag)}, 2};
-    return true;
 }
 
 struct module *module_new(const struct module_config *config) {
@@ -67,9 +45,20 @@ struct module *module_new(const struct module_config *config) {
     if (module == NULL) {
         return NULL;
     }
-    const bool is_made = is_pair(config->name) ? make_pair(module, config)
-                                               : make_mpu9250(module, config);
-    if (!is_made) {
+    const unsigned count = is_pair(config->name) ? 2 : 1;
+    if (is_pair(config->name)) {
+        struct lsm6dsox_chip_config imu = lsm6dsox_chip_defaults();
+        struct lis3mdl_chip_config mag = lis3mdl_chip_defaults();
+        configure(&imu.sensor, config);
+        configure(&mag.sensor, config);
+        add(module, lsm6dsox_chip_new(&imu));
+        add(module, lis3mdl_chip_new(&mag));
+    } else {
+        struct mpu9250_chip_config own = mpu9250_chip_defaults();
+        configure(&own.sensor, config);
+        add(module, mpu9250_chip_new(&own));
+    }
+    if (module->bus.count < count) {
         module_free(module);
         return NULL;
     }
@@ -77,46 +66,35 @@ struct module *module_new(const struct module_config *config) {
 }
 
 void module_free(struct module *module) {
-    if (module == NULL) {
-        return;
+    for (unsigned i = 0; module != NULL && i < module->bus.count; i++) {
+        sensor_chip_free(module->chips[i]);
     }
-    mpu9250_chip_free(module->mpu9250);
-    lsm6dsox_chip_free(module->imu);
-    lis3mdl_chip_free(module->mag);
     free(module);
 }
 
 void module_power_cycle(struct module *module, uint64_t now_ns) {
-    if (module->mpu9250 != NULL) {
-        mpu9250_chip_power_cycle(module->mpu9250, now_ns);
-    } else {
-        lsm6dsox_chip_power_cycle(module->imu, now_ns);
-        lis3mdl_chip_power_cycle(module->mag, now_ns);
+    for (unsigned i = 0; i < module->bus.count; i++) {
+        sensor_chip_power_cycle(module->chips[i], now_ns);
     }
 }
 
 void module_advance(struct module *module, uint64_t now_ns) {
-    if (module->mpu9250 != NULL) {
-        mpu9250_chip_advance(module->mpu9250, now_ns);
-    } else {
-        lsm6dsox_chip_advance(module->imu, now_ns);
-        lis3mdl_chip_advance(module->mag, now_ns);
+    for (unsigned i = 0; i < module->bus.count; i++) {
+        sensor_chip_advance(module->chips[i], now_ns);
     }
 }
 
 uint64_t module_next_event(const struct module *module) {
-    if (module->mpu9250 != NULL) {
-        return mpu9250_chip_next_event(module->mpu9250);
+    uint64_t next = UINT64_MAX;
+    for (unsigned i = 0; i < module->bus.count; i++) {
+        const uint64_t own = sensor_chip_next_event(module->chips[i]);
+        next = own < next ? own : next;
     }
-    const uint64_t imu = lsm6dsox_chip_next_event(module->imu);
-    const uint64_t mag = lis3mdl_chip_next_event(module->mag);
-    return imu < mag ? imu : mag;
+    return next;
 }
 
 bool module_pin_is_high(const struct module *module) {
-    return module->mpu9250 != NULL
-               ? mpu9250_chip_int_is_high(module->mpu9250)
-               : lsm6dsox_chip_pin_is_high(module->imu, LSM6DSOX_CHIP_INT1);
+    return sensor_chip_pin_is_high(module->chips[0], 0);
 }
 
 struct i2c_bus *module_bus(struct module *module) {
@@ -124,7 +102,7 @@ struct i2c_bus *module_bus(struct module *module) {
 }
 
 bool module_add_fault(struct module *module, const struct chip_fault *fault) {
-    if (module->mpu9250 != NULL) {
+    if (module->bus.count == 1) {
         return i2c_slave_add_fault(module->bus.slaves[0], fault);
     }
     struct chip_fault own = *fault;
@@ -152,14 +130,13 @@ bool module_add_fault(struct module *module, const struct chip_fault *fault) {
 }
 
 uint64_t module_transactions(const struct module *module) {
-    return module->mpu9250 != NULL ? mpu9250_chip_transactions(module->mpu9250)
-                                   : lsm6dsox_chip_transactions(module->imu);
+    return sensor_chip_transactions(module->chips[0]);
 }
 
 const char *module_complaint(const struct module *module) {
-    if (module->mpu9250 != NULL) {
-        return mpu9250_chip_complaint(module->mpu9250);
+    const char *complaint = NULL;
+    for (unsigned i = 0; complaint == NULL && i < module->bus.count; i++) {
+        complaint = sensor_chip_complaint(module->chips[i]);
     }
-    const char *imu = lsm6dsox_chip_complaint(module->imu);
-    return imu != NULL ? imu : lis3mdl_chip_complaint(module->mag);
+    return complaint;
 }

@@ -24,10 +24,8 @@
 #include "i2c_bus.h"
 
 struct module_config {
-    const char *name;             // one of the above; null: mpu9250
-    chip_motion_function motion;  // null: lying still, level
-    void *context;
-    bool is_recorded;     // a sensor's low-pass is in the motion already
+    const char *name;  // one of the above; null: mpu9250
+    struct chip_motion_source motion;
     bool starts_at_once;  // answers from power-up on, for tests of the wire
 };
 

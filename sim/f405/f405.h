@@ -43,7 +43,7 @@
 #include "map.h"
 #include "timing.h"
 
-struct lsm9ds0_chip;
+struct sensor_chip;
 struct sdcard_chip;
 struct rn41_chip;
 
@@ -64,7 +64,7 @@ struct f405_stack {
 struct f405 {
     uc_engine *uc;
     uint8_t *flash, *ram, *ccm, *system;
-    struct lsm9ds0_chip *sensor;
+    struct sensor_chip *sensor;
     struct sdcard_chip *card;  // null: none in the socket
     struct rn41_chip *radio;   // null: the wire itself
     uint64_t seed;
@@ -136,7 +136,7 @@ struct f405 {
 // Makes the machine, without power, its flash erased. False where libunicorn has no
 // such processor. The sensor stays the caller's, as do a card and a radio that it may
 // add.
-bool f405_init(struct f405 *m, struct lsm9ds0_chip *sensor, uint64_t seed);
+bool f405_init(struct f405 *m, struct sensor_chip *sensor, uint64_t seed);
 // Flashes an ELF file for the STM32F405. Sectors that it does not touch stay as they
 // are. False where it is no such image. Sizes in bytes: *flash for code and initial
 // values, *ram for variables.

@@ -107,7 +107,7 @@ static void do_reset(struct f405 *m, uint32_t cause) {
     if (cause == F405_RESET_BROWN_OUT) {
         forget_memory(m);
         const uint64_t now_ns = f405_ns(f405_now(m));
-        lsm9ds0_chip_power_cycle(m->sensor, now_ns);
+        sensor_chip_power_cycle(m->sensor, now_ns);
         if (m->card != NULL) {
             sdcard_chip_power_cycle(m->card, now_ns);
         }
@@ -148,7 +148,7 @@ void f405_power_up(struct f405 *m) {
 // The loop
 
 static void follow_chip(struct f405 *m) {
-    lsm9ds0_chip_advance(m->sensor, f405_ns(f405_when(m)));
+    sensor_chip_advance(m->sensor, f405_ns(f405_when(m)));
     pins_follow(m);
 }
 
@@ -344,7 +344,7 @@ static void sign(struct f405 *m) {
     memcpy(m->system + 0xA2A, calibration, sizeof calibration);
 }
 
-bool f405_init(struct f405 *m, struct lsm9ds0_chip *sensor, uint64_t seed) {
+bool f405_init(struct f405 *m, struct sensor_chip *sensor, uint64_t seed) {
     memset(m, 0, sizeof *m);
     m->sensor = sensor;
     m->seed = seed * UINT64_C(0x9E3779B97F4A7C15) + UINT64_C(0x6A09E667F3BCC909);

@@ -57,12 +57,10 @@ static int power_up(void *self, struct run *run) {
     struct nano *board = self;
     struct machine *machine = &board->machine;
     const struct run_options *options = &run->options;
-    struct module_config config = {.name = board->sensor};
-    if (options->motion != NULL) {
-        config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
-        config.motion = motion_mean;
-        config.context = &run->motion;
-    }
+    const struct module_config config = {
+        .name = board->sensor,
+        .motion = motion_source(&run->motion),
+    };
     board->module = module_new(&config);
     const struct machine_kind *kind = image_kind(options->image);
     if (kind == NULL) {

@@ -238,12 +238,10 @@ static int power_up(void *self, struct run *run) {
     pico->run = run;
     pico->pause_ns = RUN_NEVER;
     pico->has_ready_wire = run_has_ready(pico->ready);
-    struct module_config config = {.name = pico->sensor};
-    if (run->options.motion != NULL) {
-        config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
-        config.motion = motion_mean;
-        config.context = &run->motion;
-    }
+    const struct module_config config = {
+        .name = pico->sensor,
+        .motion = motion_source(&run->motion),
+    };
     pico->module = module_new(&config);
     if (pico->module == NULL) {
         return run_complain(run, "the sensor", "does not fit into memory");

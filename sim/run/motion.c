@@ -145,3 +145,11 @@ void motion_mean(void *context, enum chip_quantity quantity, int64_t from_ns,
         mean[axis] = sum[axis] / (to - from);
     }
 }
+
+struct chip_motion_source motion_source(struct motion *motion) {
+    return (struct chip_motion_source){
+        .function = motion->file != NULL ? motion_mean : NULL,
+        .context = motion,
+        .is_recorded = (motion->flags & MOTION_RECORDED) != 0,
+    };
+}

@@ -44,5 +44,7 @@ bool motion_is_over(struct motion *motion, int64_t now_ns);
 // A chip_motion_function, whose context is the struct motion.
 void motion_mean(void *context, enum chip_quantity quantity, int64_t from_ns,
                  int64_t to_ns, double mean[3]);
+// For the model of a sensor: held where no stream has been opened.
+struct chip_motion_source motion_source(struct motion *motion);
 
 #endif

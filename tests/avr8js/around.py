@@ -33,11 +33,15 @@ PATIENCE_NS = 30e9  # simulated; a run of the tests takes half of it
 
 CHIP = (
     *("sim/chips/i2c_slave.c", "sim/chips/chip_motion.c", "sim/run/motion.c"),
-    *(str(path.relative_to(ROOT)) for path in ROOT.glob("sim/chips/mpu9250/*.c")),
+    *(
+        str(path.relative_to(ROOT))
+        for room in ("sensor", "mpu9250")
+        for path in (ROOT / "sim" / "chips" / room).glob("*.c")
+    ),
 )
 HEADERS = (
     *("sim/chips/chip_fault.h", "sim/chips/i2c_slave.h", "sim/chips/chip_motion.h"),
-    *("sim/chips/mpu9250.h", "sim/run/motion.h"),
+    *("sim/chips/sensor_chip.h", "sim/chips/mpu9250.h", "sim/run/motion.h"),
 )
 
 
@@ -61,21 +65,20 @@ class Chip:
         self.lib.motion_begin(self.motion, MOTION_AFTER_NS)
         config = self.ffi.new("struct mpu9250_chip_config *")
         config[0] = self.lib.mpu9250_chip_defaults()
-        config.motion = self.ffi.addressof(self.lib, "motion_mean")
-        config.context = self.motion
+        config.sensor.motion = self.lib.motion_source(self.motion)
         self.chip = self.lib.mpu9250_chip_new(config)
-        self.wire = self.lib.mpu9250_chip_wire(self.chip)
+        self.wire = self.lib.sensor_chip_wire(self.chip)
         self.seen = Seen()
         self._bytes: list[int] = []
         self._reads = 0
 
     def close(self) -> None:
-        self.lib.mpu9250_chip_free(self.chip)
+        self.lib.sensor_chip_free(self.chip)
         self.lib.motion_close(self.motion)
 
     def pass_time(self, _: int, now_ns: int) -> int:
         self.lib.motion_is_over(self.motion, now_ns)  # reads on
-        self.lib.mpu9250_chip_advance(self.chip, now_ns)
+        self.lib.sensor_chip_advance(self.chip, now_ns)
         return 0
 
     def address(self, byte: int, now_ns: int) -> int:
@@ -102,18 +105,18 @@ class Chip:
     @property
     def is_ready(self) -> bool:
         """The level of its INT pin."""
-        return bool(self.lib.mpu9250_chip_int_is_high(self.chip))
+        return bool(self.lib.sensor_chip_pin_is_high(self.chip, 0))
 
     @property
     def next_ns(self) -> float:
         """The time of the next event."""
-        event = self.lib.mpu9250_chip_next_event(self.chip)
+        event = self.lib.sensor_chip_next_event(self.chip)
         return math.inf if event == NEVER else float(event)
 
     @property
     def complaint(self) -> str | None:
         """The host's first violation of the chip's documents."""
-        text = self.lib.mpu9250_chip_complaint(self.chip)
+        text = self.lib.sensor_chip_complaint(self.chip)
         return None if text == self.ffi.NULL else self.ffi.string(text).decode()
 
 

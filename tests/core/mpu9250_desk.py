@@ -31,7 +31,7 @@ class Bench(SensorBench):
             setattr(settings, name, value)
         self.chip = ffi.gc(
             lib.mpu9250_chip_new(ffi.new("struct mpu9250_chip_config *", settings)),
-            lib.mpu9250_chip_free,
+            lib.sensor_chip_free,
         )
         self.now_ns = 0
         self.log: list[tuple[float, str, int]] = []  # ms, "read" or "write", register
@@ -47,7 +47,7 @@ class Bench(SensorBench):
 
     def let_pass(self, us: int) -> None:
         self.now_ns += us * 1000
-        lib.mpu9250_chip_advance(self.chip, self.now_ns)
+        lib.sensor_chip_advance(self.chip, self.now_ns)
 
     def _read_chip(self, _: Any, address: int, reg: int, data: Any, length: int) -> int:
         self.log.append((self.now_ns / 1e6, "read", reg))
@@ -65,7 +65,7 @@ class Bench(SensorBench):
         self, move: Callable[..., int], address: int, reg: int, data: Any, length: int
     ) -> int:
         now = ffi.new("uint64_t *", self.now_ns)
-        result = move(lib.mpu9250_chip_wire(self.chip), now, address, reg, data, length)
+        result = move(lib.sensor_chip_wire(self.chip), now, address, reg, data, length)
         self.now_ns = now[0]
         return {0: lib.BUS_OK, -1: lib.BUS_NACK, -3: lib.BUS_STUCK}[result]
 
@@ -75,22 +75,22 @@ class Bench(SensorBench):
         acc: tuple[float, float, float] = (0, 0, G),
         mag: tuple[float, float, float] = (0, 20, -40),
     ) -> None:
-        lib.mpu9250_chip_hold(self.chip, gyr, acc, mag)
+        lib.sensor_chip_hold(self.chip, gyr, acc, mag)
 
     def fault(self, kind: int, **fields: Any) -> None:
         fault = ffi.new("struct chip_fault *", {"kind": kind, **fields})
-        assert lib.i2c_slave_add_fault(lib.mpu9250_chip_wire(self.chip), fault)
+        assert lib.i2c_slave_add_fault(lib.sensor_chip_wire(self.chip), fault)
 
     def next_edge(self) -> None:
         """Let time pass to the next rising edge of INT."""
-        was_high = lib.mpu9250_chip_int_is_high(self.chip)
+        was_high = lib.sensor_chip_pin_is_high(self.chip, 0)
         deadline_ns = self.now_ns + 20_000_000
         while True:
-            event_ns = lib.mpu9250_chip_next_event(self.chip)
+            event_ns = lib.sensor_chip_next_event(self.chip)
             assert event_ns <= deadline_ns, "no data-ready within 20 ms"
             self.now_ns = max(self.now_ns, event_ns)
-            lib.mpu9250_chip_advance(self.chip, self.now_ns)
-            is_high = lib.mpu9250_chip_int_is_high(self.chip)
+            lib.sensor_chip_advance(self.chip, self.now_ns)
+            is_high = lib.sensor_chip_pin_is_high(self.chip, 0)
             if is_high and not was_high:
                 return
             was_high = is_high
@@ -131,14 +131,14 @@ class Bench(SensorBench):
 
     @property
     def complaint(self) -> str | None:
-        text = lib.mpu9250_chip_complaint(self.chip)
+        text = lib.sensor_chip_complaint(self.chip)
         return ffi.string(text).decode() if text != ffi.NULL else None
 
     def register(self, reg: int) -> int:
-        return int(lib.mpu9250_chip_peek(self.chip, reg))
+        return int(lib.sensor_chip_peek(self.chip, 1, reg))
 
     def mag_register(self, reg: int) -> int:
-        return int(lib.mpu9250_chip_peek_ak8963(self.chip, reg))
+        return int(lib.sensor_chip_peek(self.chip, 2, reg))
 
 
 def running(**config: Any) -> Bench:

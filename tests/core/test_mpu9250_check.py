@@ -44,7 +44,7 @@ def flip(bench: Bench, reg: int, value: int) -> None:
 
 def clock_nine_times(bench: Bench) -> bool:
     """Free the bus as a board does; true where the data line is high then."""
-    wire = lib.mpu9250_chip_wire(bench.chip)
+    wire = lib.sensor_chip_wire(bench.chip)
     for _ in range(9):
         bench.now_ns += 10_000
         lib.i2c_slave_scl_pulse(wire, bench.now_ns)
@@ -115,7 +115,7 @@ def test_an_absent_magnetometer_is_found_when_it_answers():
     assert bench.set_up() == lib.SENSOR_OK
     assert all(result >= 0 for result in bench.checks(3 * ROUND))
     assert bench.register(55) == 0x00, "the bypass is not left on"
-    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
+    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
     assert check_until_failure(bench, ROUND) == lib.SENSOR_MAG_CHANGED
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x71, 0x48]
@@ -160,7 +160,7 @@ def test_a_magnetometer_that_holds_its_bus_as_it_is_looked_for_is_clocked_free()
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_NO_MAG)
     assert bench.set_up() == lib.SENSOR_OK
-    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
+    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
     bench.fault(lib.CHIP_FAULT_MAG_HUNG, from_ns=bench.now_ns, clocks=4)
     results = bench.checks(ROUND)
     assert results[-1] == lib.SENSOR_MAG_STUCK
@@ -206,7 +206,7 @@ def reset_in_the_midst_of_a_read(phase: int, *, stops_the_master: bool) -> Bench
     bench.samples(5)
     bench.next_edge()  # data-ready follows the read
     bench.now_ns += 4_660_000 + phase * 280_000 // PHASES
-    lib.mpu9250_chip_advance(bench.chip, bench.now_ns)
+    lib.sensor_chip_advance(bench.chip, bench.now_ns)
     if not stops_the_master:
         value = ffi.new("uint8_t *", 0x80)
         bench._write_chip(None, 0x68, 107, value, 1)  # H_RESET and nothing before it

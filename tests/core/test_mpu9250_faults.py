@@ -67,7 +67,7 @@ def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms, told):
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=from_ms * 1_000_000)
     assert bench.set_up() == told
-    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
+    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.kind == lib.SENSOR_MPU9250
 
@@ -90,7 +90,7 @@ def test_an_mpu_6500_that_never_gets_ready_is_stuck_too():
 
 def test_a_chip_whose_power_went_is_set_up_again():
     bench = running()
-    lib.mpu9250_chip_power_cycle(bench.chip, bench.now_ns)
+    lib.sensor_chip_power_cycle(bench.chip, bench.now_ns)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == HOST_JUDGES
     assert bench.settled().acc.z == pytest.approx(G / ACC_LSB, abs=1)

@@ -58,7 +58,7 @@ def test_field_arrives_in_the_frame_of_the_other_sensors(adjust, axis, value):
 @pytest.mark.parametrize("celsius", [-40.0, 0.0, 20.99, 21.0, 36.6, 85.0])
 def test_temperature_arrives_in_hundredths_of_a_degree(celsius):
     bench = running()
-    lib.mpu9250_chip_set_temperature(bench.chip, celsius)
+    lib.sensor_chip_set_temperature(bench.chip, celsius)
     # One count of the chip is 0.3 of a unit.
     assert bench.settled().temperature_cdeg == pytest.approx(celsius * 100, abs=1)
 

@@ -1,30 +1,300 @@
 // SPDX-License-Identifier: MIT
-// The model's life, its time, its pin and its place on the wire.
-#include "chip.h"
+// The model of the LIS3MDL: its sample clock, the counts that field, self-test, offset
+// registers and temperature make, its registers and its life. See ../lis3mdl.h for the
+// documents that DS, AN, AD and LX stand for.
+#include "../lis3mdl.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define MS UINT64_C(1000000)  // in nanoseconds
-#define US UINT64_C(1000)
+#include "../sensor/st.h"
 
-void lis3mdl_chip_complain(struct lis3mdl_chip *chip, const char *what) {
-    if (chip->complaint == NULL) {
-        chip->complaint = what;
+enum { DIE = 1 };
+
+// DS table 16; AN for the offsets.
+enum {
+    REG_OFFSET_X_L = 0x05,
+    REG_OFFSET_Z_H = 0x0A,
+    REG_WHO_AM_I = 0x0F,
+    REG_CTRL1 = 0x20,
+    REG_CTRL2 = 0x21,
+    REG_CTRL3 = 0x22,
+    REG_CTRL4 = 0x23,
+    REG_CTRL5 = 0x24,
+    REG_STATUS = 0x27,
+    REG_OUT_X_L = 0x28,
+    REG_OUT_Z_H = 0x2D,
+    REG_TEMP_OUT_L = 0x2E,
+    REG_TEMP_OUT_H = 0x2F,
+    REG_INT_CFG = 0x30,
+    REG_INT_THS_L = 0x32,
+    REG_INT_THS_H = 0x33,
+};
+
+enum {
+    // CTRL_REG1
+    TEMP_EN = 1 << 7,
+    OM_SHIFT = 5,
+    OM_MASK = 0x03,
+    DO_SHIFT = 2,
+    DO_MASK = 0x07,
+    FAST_ODR = 1 << 1,
+    ST = 1 << 0,
+    // CTRL_REG2
+    FS_SHIFT = 5,
+    FS_MASK = 0x03,
+    REBOOT = 1 << 3,
+    SOFT_RST = 1 << 2,
+    // CTRL_REG3
+    LP = 1 << 5,
+    MD_MASK = 0x03,
+    MD_CONTINUOUS = 0,
+    MD_SINGLE = 1,
+    MD_POWER_DOWN = 3,
+    // CTRL_REG4, CTRL_REG5
+    BLE = 1 << 1,
+    BDU = 1 << 6,
+    INT_CFG_ONE = 1 << 3,  // must be 1
+};
+
+struct lis3mdl_chip {
+    struct sensor_chip base;
+    struct lis3mdl_chip_config config;
+    struct st_die die;
+    struct st_words words;
+    uint64_t epoch_ns;  // sample number n falls at epoch + n periods
+    uint64_t tick;      // number of the next sample
+    uint64_t tick_ns;   // NEVER: off
+    uint64_t samples;
+};
+
+// The clock
+
+#define UT_PER_GAUSS 100.0
+
+// DS table 20: with FAST_ODR, by OM: low power to ultra-high performance. A measurement
+// takes as long.
+static const double fast_hz[4] = {1000.0, 560.0, 300.0, 155.0};
+
+static int mode_of(const struct lis3mdl_chip *chip) {
+    const bool is_low = (chip->die.reg[REG_CTRL3] & LP) != 0;
+    return is_low ? 0 : (chip->die.reg[REG_CTRL1] >> OM_SHIFT) & OM_MASK;
+}
+
+// Samples a second by its own clock.
+static double rate_hz(const struct lis3mdl_chip *chip) {
+    const uint8_t ctrl1 = chip->die.reg[REG_CTRL1];
+    if (chip->die.reg[REG_CTRL3] & LP) {
+        return 0.625;  // DS CTRL_REG3: LP, memory
+    }
+    if (ctrl1 & FAST_ODR) {
+        return fast_hz[mode_of(chip)];
+    }
+    return ldexp(0.625, (ctrl1 >> DO_SHIFT) & DO_MASK);  // AD: 0.625 Hz at 0 to 80 at 7
+}
+
+static double clock_factor(const struct lis3mdl_chip *chip) {
+    return 1.0 + chip->config.rate_error_ppm * 1e-6;
+}
+
+static double period_ns(const struct lis3mdl_chip *chip) {
+    return 1e9 / (rate_hz(chip) * clock_factor(chip));
+}
+
+static bool is_on(const struct lis3mdl_chip *chip) {
+    return (chip->die.reg[REG_CTRL3] & MD_MASK) <= MD_SINGLE &&
+           chip->die.wait_end == NEVER;
+}
+
+static void set_next_tick(struct lis3mdl_chip *chip) {
+    const double at = (double)chip->tick * period_ns(chip);
+    chip->tick_ns = is_on(chip) ? chip->epoch_ns + (uint64_t)llround(at) : NEVER;
+}
+
+static void restart_clock(struct lis3mdl_chip *chip) {
+    static const double turn_on_us[4] = {1200.0, 1910.0, 3480.0, 6650.0};  // AN table 8
+    const double turn_on_ns = 1e3 * turn_on_us[mode_of(chip)] / clock_factor(chip);
+    const double period = period_ns(chip);
+    const bool is_single = (chip->die.reg[REG_CTRL3] & MD_MASK) == MD_SINGLE;
+    chip->epoch_ns = chip->base.wire.now_ns;
+    chip->tick = 1;
+    set_next_tick(chip);
+    if (chip->tick_ns != NEVER && (is_single || turn_on_ns > period)) {
+        chip->tick_ns = chip->base.wire.now_ns + (uint64_t)llround(turn_on_ns);
+        // Then period after period.
+        if (turn_on_ns > period) {
+            chip->epoch_ns += (uint64_t)llround(turn_on_ns - period);
+        }
     }
 }
 
-// The wire
+// Counts
 
-static void advance(void *chip, uint64_t now_ns) {
-    lis3mdl_chip_advance(chip, now_ns);
+static bool is_big_endian(const struct lis3mdl_chip *chip) {
+    return (chip->die.reg[REG_CTRL4] & BLE) != 0;
 }
+
+static int16_t word_at(const uint8_t *at) {
+    return (int16_t)(uint16_t)(at[0] | (at[1] << 8));
+}
+
+static void measure_field(struct lis3mdl_chip *chip) {
+    // DS table 3.
+    static const double counts_per_gauss[4] = {6842.0, 3421.0, 2281.0, 1711.0};
+    const uint8_t *reg = chip->die.reg;
+    const double scale =
+        counts_per_gauss[(reg[REG_CTRL2] >> FS_SHIFT) & FS_MASK] / UT_PER_GAUSS;
+    const double takes_ns = 1e9 / (fast_hz[mode_of(chip)] * clock_factor(chip));
+    const int64_t now = (int64_t)chip->base.wire.now_ns;
+    double field_ut[AXES];
+    chip_motion_mean(&chip->base.motion, CHIP_MAG, now - (int64_t)llround(takes_ns),
+                     now, field_ut);
+    for (int axis = 0; axis < AXES; axis++) {
+        const int8_t from = chip->config.axes[axis];
+        const double along_ut = field_ut[abs(from) - 1];
+        double own_ut = from > 0 ? along_ut : -along_ut;
+        if (reg[REG_CTRL1] & ST) {
+            own_ut += chip->config.self_test_ut[axis];
+        }
+        // AN: the output is the measured value less the offset.
+        const int16_t offset = word_at(&reg[REG_OFFSET_X_L + 2 * axis]);
+        chip->words.latest[axis] =
+            chip_motion_to_counts(own_ut * scale - offset, INT16_MAX);
+    }
+}
+
+// AN 6: 8 LSB/degC, 0 at 25 degC.
+static void measure_temperature(struct lis3mdl_chip *chip) {
+    const double warm_c =
+        chip->base.config.temperature_c + chip->config.temperature_error_c - 25.0;
+    st_put(&chip->die.reg[REG_TEMP_OUT_L],
+           chip_motion_to_counts(warm_c * 8.0, INT16_MAX), is_big_endian(chip));
+}
+
+static struct st_output output_of(struct lis3mdl_chip *chip) {
+    return (struct st_output){
+        .out = &chip->die.reg[REG_OUT_X_L],
+        .status = &chip->die.reg[REG_STATUS],
+        .enabled = 0x07,
+        .has_bdu = (chip->die.reg[REG_CTRL5] & BDU) != 0,
+        .is_big_endian = is_big_endian(chip),
+    };
+}
+
+static void take_sample(struct lis3mdl_chip *chip) {
+    const struct st_output output = output_of(chip);
+    chip->tick++;
+    set_next_tick(chip);
+    if ((chip->die.reg[REG_CTRL3] & MD_MASK) == MD_SINGLE) {
+        chip->die.reg[REG_CTRL3] |= MD_POWER_DOWN;
+        chip->tick_ns = NEVER;
+    }
+    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, DIE)) {
+        return;
+    }
+    chip->samples++;
+    if (!sensor_chip_suffers(&chip->base, CHIP_FAULT_FROZEN, DIE)) {
+        measure_field(chip);
+        if (chip->die.reg[REG_CTRL1] & TEMP_EN) {
+            measure_temperature(chip);
+        }
+    }
+    st_put_sample(&chip->words, &output);
+}
+
+// Registers
+
+// DS 7.
+static const struct st_rule rules[] = {
+    {REG_CTRL1, 0x00, 0x00},     {REG_CTRL2, 0x93, 0x00},
+    {REG_CTRL3, 0xD8, 0x04},                               // SPI
+    {REG_CTRL4, 0xF1, 0x00},     {REG_CTRL5, 0x3F, 0x80},  // FAST_READ
+    {REG_INT_CFG, 0x10, 0x01},                             // the interrupt
+    {REG_INT_THS_L, 0x00, 0x00}, {REG_INT_THS_H, 0x80, 0x00},
+};
+
+static const struct st_rule offset_rule = {0, 0x00, 0x00};
+
+static uint8_t read_byte(void *self, uint8_t die) {
+    struct lis3mdl_chip *chip = self;
+    const uint8_t at = chip->die.pointer;
+    uint8_t value = chip->die.reg[at];
+    if (at == REG_WHO_AM_I) {
+        value = sensor_chip_identity(&chip->base, die, value);
+    } else if (at >= REG_OUT_X_L && at <= REG_OUT_Z_H) {
+        const struct st_output output = output_of(chip);
+        st_release(&chip->words, &output, at - REG_OUT_X_L);
+    }
+    st_step(&chip->die);
+    return value;
+}
+
+static void wrote(struct lis3mdl_chip *chip, uint8_t at, uint8_t old) {
+    const uint8_t value = chip->die.reg[at];
+    const uint8_t changed = old ^ value;
+    const bool is_single = (chip->die.reg[REG_CTRL3] & MD_MASK) == MD_SINGLE;
+    switch (at) {
+    case REG_CTRL1:
+        if (changed & (uint8_t) ~(TEMP_EN | ST)) {
+            restart_clock(chip);
+        }
+        break;
+    case REG_CTRL2:
+        if (value & (SOFT_RST | REBOOT)) {
+            const uint64_t takes_ns = value & SOFT_RST ? chip->config.soft_reset_ns
+                                                       : chip->base.config.startup_ns;
+            chip->die.wait_end = chip->base.wire.now_ns + takes_ns;
+            restart_clock(chip);
+        }
+        break;
+    case REG_CTRL3:
+        if (changed || is_single) {
+            restart_clock(chip);
+        }
+        break;
+    case REG_CTRL5:
+        if (changed & BDU) {
+            const struct st_output output = output_of(chip);
+            st_release_all(&chip->words, &output);
+        }
+        break;
+    case REG_INT_CFG:
+        if (!(value & INT_CFG_ONE)) {  // AD; DS table 36
+            sensor_chip_complain(&chip->base, "a bit cleared that must be 1");
+        }
+        break;
+    default:
+        break;
+    }
+    // DS CTRL_REG3, memory: single measurements go with 0.625 to 80 Hz.
+    if (is_single && (chip->die.reg[REG_CTRL1] & FAST_ODR)) {
+        sensor_chip_complain(&chip->base, "a single measurement with FAST_ODR");
+    }
+}
+
+static void write_byte(void *self, uint8_t die, uint8_t value) {
+    struct lis3mdl_chip *chip = self;
+    const uint8_t at = chip->die.pointer;
+    const uint8_t old = chip->die.reg[at];
+    const bool is_offset = at >= REG_OFFSET_X_L && at <= REG_OFFSET_Z_H;
+    const struct st_rule *rule =
+        is_offset ? &offset_rule
+                  : st_find_rule(rules, sizeof rules / sizeof rules[0], at);
+    (void)die;
+    if (st_write(&chip->base, &chip->die, rule, "reset", value)) {
+        wrote(chip, at, old);
+    }
+    st_step(&chip->die);
+}
+
+// The wire
 
 static uint8_t find_die(void *self, uint8_t address) {
     const struct lis3mdl_chip *chip = self;
     // DS 5.1: 00111x0, x being SA1.
     return address == (chip->config.sa1 ? 0x1E : 0x1C) &&
-                   i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_MAG, DIE) == NULL
+                   !sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_MAG, DIE)
                ? DIE
                : I2C_SLAVE_NOBODY;
 }
@@ -32,38 +302,100 @@ static uint8_t find_die(void *self, uint8_t address) {
 static void set_pointer(void *self, uint8_t die, uint8_t byte) {
     struct lis3mdl_chip *chip = self;
     (void)die;
-    chip->pointer = byte & (REG_COUNT - 1);
-    chip->moves_on = (byte & 0x80) != 0;  // DS 5.1.1
-}
-
-static void write_byte(void *chip, uint8_t die, uint8_t byte) {
-    (void)die;
-    lis3mdl_chip_write_register(chip, byte);
-}
-
-static uint8_t read_byte(void *chip, uint8_t die) {
-    (void)die;
-    return lis3mdl_chip_read_register(chip);
-}
-
-static const struct i2c_slave_chip wire_ops = {
-    .advance = advance,
-    .find_die = find_die,
-    .set_pointer = set_pointer,
-    .write = write_byte,
-    .read = read_byte,
-};
-
-struct i2c_slave *lis3mdl_chip_wire(struct lis3mdl_chip *chip) {
-    return &chip->wire;
+    st_set_pointer(&chip->die, byte);  // DS 5.1.1
 }
 
 // Life
 
+// DS table 16: the column of reset values; others are 0.
+static void reset(struct lis3mdl_chip *chip) {
+    memset(chip->die.reg, 0, sizeof chip->die.reg);
+    chip->die.reg[REG_WHO_AM_I] = chip->config.who_am_i;
+    chip->die.reg[REG_CTRL1] = 0x10;
+    chip->die.reg[REG_CTRL3] = MD_POWER_DOWN;
+    chip->die.reg[REG_INT_CFG] = chip->config.int_cfg;
+    chip->words.half_read = 0;
+    chip->words.waiting = 0;
+    chip->die.wait_end = NEVER;
+    restart_clock(chip);
+}
+
+static void power_up(void *self) {
+    struct lis3mdl_chip *chip = self;
+    chip->die.pointer = 0;
+    chip->die.moves_on = false;
+    chip->samples = 0;
+    memset(chip->words.latest, 0, sizeof chip->words.latest);
+    reset(chip);
+}
+
+static uint64_t next_event(const void *self) {
+    const struct lis3mdl_chip *chip = self;
+    return chip->tick_ns < chip->die.wait_end ? chip->tick_ns : chip->die.wait_end;
+}
+
+// A reset ends with reset values, a reboot with its bit back at 0.
+static void end_wait(struct lis3mdl_chip *chip) {
+    chip->die.wait_end = NEVER;
+    if (chip->die.reg[REG_CTRL2] & SOFT_RST) {
+        reset(chip);
+    } else {
+        chip->die.reg[REG_CTRL2] &= (uint8_t)~REBOOT;
+        restart_clock(chip);
+    }
+}
+
+static void do_events(void *self) {
+    struct lis3mdl_chip *chip = self;
+    if (chip->tick_ns == chip->base.wire.now_ns) {
+        take_sample(chip);
+    } else {
+        end_wait(chip);
+    }
+}
+
+static void suffer(void *self, const struct chip_fault *fault) {
+    struct lis3mdl_chip *chip = self;
+    chip->die.reg[fault->reg & (REG_COUNT - 1)] = fault->value;
+    restart_clock(chip);
+}
+
+// DRDY.
+static bool pin_is_high(const void *self, unsigned pin) {
+    const struct lis3mdl_chip *chip = self;
+    (void)pin;
+    return (chip->die.reg[REG_STATUS] & ST_DATA_ALL) != 0;
+}
+
+static uint8_t peek(const void *self, uint8_t die, uint8_t reg) {
+    const struct lis3mdl_chip *chip = self;
+    (void)die;
+    return chip->die.reg[reg & (REG_COUNT - 1)];
+}
+
+static uint64_t samples(const void *self, enum chip_quantity quantity) {
+    return quantity == CHIP_MAG ? ((const struct lis3mdl_chip *)self)->samples : 0;
+}
+
+static const struct sensor_model model = {
+    .name = "LIS3MDL",
+    .wire = {.find_die = find_die,
+             .set_pointer = set_pointer,
+             .write = write_byte,
+             .read = read_byte},
+    .power_up = power_up,
+    .next_event = next_event,
+    .do_events = do_events,
+    .suffer = suffer,
+    .pin_is_high = pin_is_high,
+    .peek = peek,
+    .samples = samples,
+};
+
 struct lis3mdl_chip_config lis3mdl_chip_defaults(void) {
     return (struct lis3mdl_chip_config){
-        .temperature_c = 25.0,
-        .startup_ns = 10 * MS,      // no document says; AD waits as long after a reset
+        // No document says how long it starts up; AD waits as long after a reset.
+        .sensor = {.temperature_c = 25.0, .startup_ns = 10 * MS},
         .soft_reset_ns = 100 * US,  // no document says
         .who_am_i = 0x3D,           // LX, AD
         .int_cfg = 0xE8,            // DS table 16, memory
@@ -73,124 +405,12 @@ struct lis3mdl_chip_config lis3mdl_chip_defaults(void) {
     };
 }
 
-struct lis3mdl_chip *lis3mdl_chip_new(const struct lis3mdl_chip_config *config) {
-    struct lis3mdl_chip *chip = calloc(1, sizeof *chip);
+struct sensor_chip *lis3mdl_chip_new(const struct lis3mdl_chip_config *config) {
+    struct lis3mdl_chip *chip = sensor_chip_new(&model, sizeof *chip, &config->sensor);
     if (chip == NULL) {
         return NULL;
     }
     chip->config = *config;
-    chip->wire = (struct i2c_slave){.ops = &wire_ops, .chip = chip};
-    chip->motion = chip_motion_from(config->motion, config->context);
-    lis3mdl_chip_power_cycle(chip, 0);
-    return chip;
-}
-
-void lis3mdl_chip_free(struct lis3mdl_chip *chip) {
-    free(chip);
-}
-
-// DS table 16: the column of reset values; others are 0.
-static void reset(struct lis3mdl_chip *chip) {
-    memset(chip->reg, 0, sizeof chip->reg);
-    chip->reg[REG_WHO_AM_I] = chip->config.who_am_i;
-    chip->reg[REG_CTRL1] = 0x10;
-    chip->reg[REG_CTRL3] = MD_POWER_DOWN;
-    chip->reg[REG_INT_CFG] = chip->config.int_cfg;
-    chip->half_read = 0;
-    chip->waiting = 0;
-    chip->wait_end = NEVER;
-    lis3mdl_chip_restart_clock(chip);
-}
-
-void lis3mdl_chip_power_cycle(struct lis3mdl_chip *chip, uint64_t now_ns) {
-    chip->wire.now_ns = now_ns;
-    chip->wire.answers_ns = now_ns + chip->config.startup_ns;
-    chip->wire.is_transfer = false;
-    i2c_slave_release(&chip->wire);
-    chip->pointer = 0;
-    chip->moves_on = false;
-    chip->samples = 0;
-    memset(chip->latest, 0, sizeof chip->latest);
-    reset(chip);
-}
-
-void lis3mdl_chip_hold(struct lis3mdl_chip *chip, const double gyr_rad_s[3],
-                       const double acc_m_s2[3], const double mag_ut[3]) {
-    chip_motion_hold(&chip->motion, gyr_rad_s, acc_m_s2, mag_ut);
-}
-
-void lis3mdl_chip_set_temperature(struct lis3mdl_chip *chip, double temperature_c) {
-    chip->config.temperature_c = temperature_c;
-}
-
-// Time
-
-uint64_t lis3mdl_chip_next_event(const struct lis3mdl_chip *chip) {
-    return chip->tick_ns < chip->wait_end ? chip->tick_ns : chip->wait_end;
-}
-
-// A reset ends with reset values, a reboot with its bit back at 0.
-static void end_wait(struct lis3mdl_chip *chip) {
-    chip->wait_end = NEVER;
-    if (chip->reg[REG_CTRL2] & SOFT_RST) {
-        reset(chip);
-    } else {
-        chip->reg[REG_CTRL2] &= (uint8_t)~REBOOT;
-        lis3mdl_chip_restart_clock(chip);
-    }
-}
-
-// What happens to the chip once.
-static void suffer(struct lis3mdl_chip *chip) {
-    const struct chip_fault *fault =
-        i2c_slave_next_fault(&chip->wire, CHIP_FAULT_REGISTER_FLIP);
-    if (fault != NULL) {
-        chip->reg[fault->reg & (REG_COUNT - 1)] = fault->value;
-        lis3mdl_chip_restart_clock(chip);
-    }
-    if (i2c_slave_next_fault(&chip->wire, CHIP_FAULT_BROWN_OUT) != NULL) {
-        lis3mdl_chip_power_cycle(chip, chip->wire.now_ns);
-    }
-}
-
-void lis3mdl_chip_advance(struct lis3mdl_chip *chip, uint64_t now_ns) {
-    for (;;) {
-        const uint64_t next = lis3mdl_chip_next_event(chip);
-        if (next > now_ns || next == NEVER) {
-            break;
-        }
-        chip->wire.now_ns = next;
-        if (chip->tick_ns == next) {
-            lis3mdl_chip_take_sample(chip);
-        } else {
-            end_wait(chip);
-        }
-        suffer(chip);
-    }
-    if (now_ns > chip->wire.now_ns) {
-        chip->wire.now_ns = now_ns;
-    }
-    suffer(chip);
-}
-
-bool lis3mdl_chip_drdy_is_high(const struct lis3mdl_chip *chip) {
-    return (chip->reg[REG_STATUS] & DATA_ALL) != 0;
-}
-
-// For tests
-
-uint8_t lis3mdl_chip_peek(const struct lis3mdl_chip *chip, uint8_t reg) {
-    return chip->reg[reg & (REG_COUNT - 1)];
-}
-
-uint64_t lis3mdl_chip_transactions(const struct lis3mdl_chip *chip) {
-    return chip->wire.transactions;
-}
-
-uint64_t lis3mdl_chip_samples(const struct lis3mdl_chip *chip) {
-    return chip->samples;
-}
-
-const char *lis3mdl_chip_complaint(const struct lis3mdl_chip *chip) {
-    return chip->complaint;
+    sensor_chip_power_cycle(&chip->base, 0);
+    return &chip->base;
 }

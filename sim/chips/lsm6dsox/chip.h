@@ -4,13 +4,10 @@
 #ifndef SIM_CHIPS_LSM6DSOX_CHIP_H
 #define SIM_CHIPS_LSM6DSOX_CHIP_H
 
-#include "../chip_motion.h"
-#include "../i2c_slave.h"
 #include "../lsm6dsox.h"
+#include "../sensor/st.h"
 
-#define NEVER UINT64_MAX
-
-enum { REG_COUNT = 128, AXES = 3, DIE = 1 };
+enum { DIE = 1 };
 
 // DS table 20.
 enum {
@@ -111,24 +108,15 @@ struct sensor {
     uint64_t tick_ns;  // NEVER: off
     uint64_t samples;
     uint32_t settling;  // samples yet to come that are wrong
-    int16_t latest[AXES];
-    // With BDU, output bytes of which the other half of the word is yet to be read: the
-    // word is not updated until then (DS: BDU). `waiting` words have a newer value.
-    uint8_t half_read;
-    uint8_t waiting;
+    struct st_words words;
     bool is_signalled;  // its data-ready signal, latched
 };
 
 struct lsm6dsox_chip {
+    struct sensor_chip base;
     struct lsm6dsox_chip_config config;
-    struct i2c_slave wire;
-    struct chip_motion motion;
-    const char *complaint;
-
-    uint8_t reg[REG_COUNT];
-    uint8_t pointer;
+    struct st_die die;   // wait_end: of a BOOT
     uint64_t reset_end;  // of a SW_RESET under way; NEVER for none
-    uint64_t boot_end;   // of a BOOT under way; NEVER for none
     bool is_i3c_only;
 
     // The clock of 6667 Hz: tick number anchor_tick was, or would have been, at
@@ -141,10 +129,8 @@ struct lsm6dsox_chip {
 };
 
 // chip.c
-// Keeps the first thing that the host did against the documents.
-void lsm6dsox_chip_complain(struct lsm6dsox_chip *chip, const char *what);
-// The registers as after power-up (DS table 20).
-void lsm6dsox_chip_reset(struct lsm6dsox_chip *chip);
+// One of enum lsm6dsox_chip_pin.
+bool lsm6dsox_chip_pin_is_high(const void *self, unsigned pin);
 
 // clock.c
 // Turns each sensor on or off, or to another rate, as its registers say.
@@ -167,7 +153,7 @@ void lsm6dsox_chip_release(struct lsm6dsox_chip *chip, uint8_t reg);
 void lsm6dsox_chip_release_all(struct lsm6dsox_chip *chip);
 
 // registers.c: one byte from or to the register that the pointer is at.
-uint8_t lsm6dsox_chip_read_register(struct lsm6dsox_chip *chip);
-void lsm6dsox_chip_write_register(struct lsm6dsox_chip *chip, uint8_t value);
+uint8_t lsm6dsox_chip_read(void *self, uint8_t die);
+void lsm6dsox_chip_write(void *self, uint8_t die, uint8_t value);
 
 #endif

@@ -15,20 +15,20 @@ enum {
 };
 
 static double tick_ns(const struct lsm6dsox_chip *chip) {
-    const double warm_c = chip->config.temperature_c - 25.0;
+    const double warm_c = chip->base.config.temperature_c - 25.0;
     const double error_ppm =
         chip->config.rate_error_ppm + chip->config.rate_ppm_per_c * warm_c;
     return 1e9 / (CLOCK_HZ * (1.0 + error_ppm * 1e-6));
 }
 
 static double ticks_now(const struct lsm6dsox_chip *chip) {
-    const double since_ns = (double)(chip->wire.now_ns - chip->anchor_ns);
+    const double since_ns = (double)(chip->base.wire.now_ns - chip->anchor_ns);
     return chip->anchor_tick + since_ns / tick_ns(chip);
 }
 
 void lsm6dsox_chip_anchor(struct lsm6dsox_chip *chip) {
     chip->anchor_tick = ticks_now(chip);
-    chip->anchor_ns = chip->wire.now_ns;
+    chip->anchor_ns = chip->base.wire.now_ns;
 }
 
 double lsm6dsox_chip_period_ns(const struct lsm6dsox_chip *chip, enum source source) {
@@ -51,11 +51,11 @@ static uint32_t divider_of(uint8_t code) {
 }
 
 static uint32_t wanted(const struct lsm6dsox_chip *chip, enum source source) {
-    const uint8_t *reg = chip->reg;
+    const uint8_t *reg = chip->die.reg;
     const uint8_t acc = reg[REG_CTRL1_XL] >> ODR_SHIFT;
     const uint8_t gyr = reg[REG_CTRL2_G] >> ODR_SHIFT;
     const bool is_slow = (reg[REG_CTRL6_C] & XL_HM_MODE) != 0;
-    if (chip->reset_end != NEVER || chip->boot_end != NEVER) {
+    if (chip->reset_end != NEVER || chip->die.wait_end != NEVER) {
         return 0;
     }
     switch (source) {
@@ -86,7 +86,7 @@ static uint32_t to_discard(const struct lsm6dsox_chip *chip, enum source source)
     static const uint16_t gyr_narrow[4] = {100, 50, 25, 12};  // Hz, FTYPE 4 to 7
     static const uint8_t acc[ODR_LAST] = {0, 0, 1, 1, 1, 1, 1, 2, 3, 13};
     static const uint8_t acc_lpf2[ODR_LAST] = {1, 1, 1, 2, 2, 2, 2, 2, 4, 13};
-    const uint8_t *reg = chip->reg;
+    const uint8_t *reg = chip->die.reg;
     const uint8_t code = reg[source == GYR ? REG_CTRL2_G : REG_CTRL1_XL] >> ODR_SHIFT;
     if (code == ODR_OFF || code > ODR_LAST) {
         return 1;
@@ -117,7 +117,7 @@ static void start(struct lsm6dsox_chip *chip, enum source source, uint32_t divid
     }
     if (!others_run) {
         chip->anchor_tick = 0.0;
-        chip->anchor_ns = chip->wire.now_ns;
+        chip->anchor_ns = chip->base.wire.now_ns;
     }
     sensor->divider = divider;
     // AN 3: both are on one grid. The first sample comes a period or more from now.

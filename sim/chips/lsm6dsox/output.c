@@ -17,41 +17,32 @@ static const struct place {
 
 // The host sees the latest value of a word.
 static void show(struct lsm6dsox_chip *chip, enum source source, int word) {
-    const uint16_t value = (uint16_t)chip->sensors[source].latest[word];
-    uint8_t *at = &chip->reg[places[source].reg + 2 * word];
-    at[0] = (uint8_t)(value & 0xFF);
-    at[1] = (uint8_t)(value >> 8);
-}
-
-static void put_word(struct lsm6dsox_chip *chip, enum source source, int word) {
-    struct sensor *sensor = &chip->sensors[source];
-    if (sensor->half_read & (0x03 << (2 * word))) {
-        sensor->waiting |= (uint8_t)(1 << word);
-    } else {
-        show(chip, source, word);
-    }
+    st_put(&chip->die.reg[places[source].reg + 2 * word],
+           chip->sensors[source].words.latest[word], false);
 }
 
 void lsm6dsox_chip_take_sample(struct lsm6dsox_chip *chip, enum source source) {
     struct sensor *sensor = &chip->sensors[source];
     sensor->tick += sensor->divider;
     lsm6dsox_chip_set_next_tick(chip, source);
-    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_DATA_READY, DIE) != NULL) {
+    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, DIE)) {
         return;
     }
     sensor->samples++;
-    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_FROZEN, DIE) == NULL) {
+    if (!sensor_chip_suffers(&chip->base, CHIP_FAULT_FROZEN, DIE)) {
         lsm6dsox_chip_sense(chip, source);
     }
     for (int word = 0; word < places[source].words; word++) {
-        put_word(chip, source, word);
+        if (st_word_shows(&sensor->words, word)) {
+            show(chip, source, word);
+        }
     }
-    chip->reg[REG_STATUS] |= places[source].flag;
+    chip->die.reg[REG_STATUS] |= places[source].flag;
     // AN 4.3.1: DRDY_MASK keeps the signals away until the filters have settled.
-    if (sensor->settling == 0 || (chip->reg[REG_CTRL4_C] & DRDY_MASK) == 0) {
+    if (sensor->settling == 0 || (chip->die.reg[REG_CTRL4_C] & DRDY_MASK) == 0) {
         sensor->is_signalled = true;
-        if (chip->reg[REG_COUNTER_BDR_REG1] & DATAREADY_PULSED) {
-            chip->pulse_end = chip->wire.now_ns + PULSE_NS;
+        if (chip->die.reg[REG_COUNTER_BDR_REG1] & DATAREADY_PULSED) {
+            chip->pulse_end = chip->base.wire.now_ns + PULSE_NS;
         }
     }
     if (sensor->settling > 0) {
@@ -68,26 +59,14 @@ void lsm6dsox_chip_release(struct lsm6dsox_chip *chip, uint8_t reg) {
     }
     struct sensor *sensor = &chip->sensors[source];
     const int number = reg - places[source].reg;
-    const int word = number / 2;
-    const uint8_t bit = (uint8_t)(1 << word);
-    const uint8_t halves = (uint8_t)(0x03 << (2 * word));
     if (number & 1) {
         // AN 4.3: reset as the higher part of one of the channels is read.
-        chip->reg[REG_STATUS] &= (uint8_t)~places[source].flag;
+        chip->die.reg[REG_STATUS] &= (uint8_t)~places[source].flag;
         sensor->is_signalled = false;
     }
-    if (!(chip->reg[REG_CTRL3_C] & BDU)) {
-        return;
-    }
-    sensor->half_read |= (uint8_t)(1 << number);
-    if ((sensor->half_read & halves) != halves) {
-        return;
-    }
-    sensor->half_read &= (uint8_t)~halves;
-    if (sensor->waiting & bit) {
-        sensor->waiting &= (uint8_t)~bit;
-        show(chip, source, word);
-        chip->reg[REG_STATUS] |= places[source].flag;
+    if ((chip->die.reg[REG_CTRL3_C] & BDU) && st_word_waited(&sensor->words, number)) {
+        show(chip, source, number / 2);
+        chip->die.reg[REG_STATUS] |= places[source].flag;
         sensor->is_signalled = true;
     }
 }
@@ -96,11 +75,11 @@ void lsm6dsox_chip_release_all(struct lsm6dsox_chip *chip) {
     for (int i = 0; i < SOURCES; i++) {
         struct sensor *sensor = &chip->sensors[i];
         for (int word = 0; word < places[i].words; word++) {
-            if (sensor->waiting & (1 << word)) {
+            if (sensor->words.waiting & (1 << word)) {
                 show(chip, (enum source)i, word);
             }
         }
-        sensor->half_read = 0;
-        sensor->waiting = 0;
+        sensor->words.half_read = 0;
+        sensor->words.waiting = 0;
     }
 }

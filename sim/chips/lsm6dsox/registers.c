@@ -2,18 +2,9 @@
 // What reading and writing the registers does.
 #include "chip.h"
 
-#include <stddef.h>
-
-// A register that the host may write: bits that are none and must stay 0, and bits that
-// turn something on that is not modelled. DS 9; what the LSM6DSO and LSM6DSOX have and
-// the LSM6DSO32 has not (OIS, ROUNDING_STATUS, XL_FS_MODE) is of the second kind.
-struct rule {
-    uint8_t reg;
-    uint8_t reserved;
-    uint8_t unmodelled;
-};
-
-static const struct rule rules[] = {
+// DS 9; what the LSM6DSO and LSM6DSOX have and the LSM6DSO32 has not (OIS,
+// ROUNDING_STATUS, XL_FS_MODE) is not modelled.
+static const struct st_rule rules[] = {
     {REG_FUNC_CFG_ACCESS, 0x3F, 0xC0},
     {REG_PIN_CTRL, 0x00, 0x00},
     {REG_FIFO_CTRL1, 0x00, 0x00},
@@ -55,18 +46,16 @@ enum { PIN_CTRL_ONES = 0x3F };
 
 // DS table 50: IF_INC.
 static void step(struct lsm6dsox_chip *chip) {
-    if (chip->reg[REG_CTRL3_C] & IF_INC) {
-        chip->pointer = (chip->pointer + 1) & (REG_COUNT - 1);
-    }
+    chip->die.moves_on = (chip->die.reg[REG_CTRL3_C] & IF_INC) != 0;
+    st_step(&chip->die);
 }
 
-uint8_t lsm6dsox_chip_read_register(struct lsm6dsox_chip *chip) {
-    const uint8_t at = chip->pointer;
-    uint8_t value = chip->reg[at];
+uint8_t lsm6dsox_chip_read(void *self, uint8_t die) {
+    struct lsm6dsox_chip *chip = self;
+    const uint8_t at = chip->die.pointer;
+    uint8_t value = chip->die.reg[at];
     if (at == REG_WHO_AM_I) {
-        const struct chip_fault *fault =
-            i2c_slave_find_fault(&chip->wire, CHIP_FAULT_WRONG_WHO_AM_I, DIE);
-        value = fault != NULL ? fault->value : value;
+        value = sensor_chip_identity(&chip->base, die, value);
     } else if (at >= REG_OUT_TEMP_L && at <= REG_OUTZ_H_A) {
         lsm6dsox_chip_release(chip, at);
     }
@@ -77,9 +66,9 @@ uint8_t lsm6dsox_chip_read_register(struct lsm6dsox_chip *chip) {
 static void begin_reset(struct lsm6dsox_chip *chip) {
     chip->is_i3c_only = lsm6dsox_chip_pin_is_high(chip, LSM6DSOX_CHIP_INT1);
     if (chip->is_i3c_only) {
-        lsm6dsox_chip_complain(chip, "LSM6DSOX: a reset while INT1 is high");
+        sensor_chip_complain(&chip->base, "a reset while INT1 is high");
     }
-    chip->reset_end = chip->wire.now_ns + chip->config.reset_ns;
+    chip->reset_end = chip->base.wire.now_ns + chip->config.reset_ns;
 }
 
 static void wrote_ctrl3(struct lsm6dsox_chip *chip, uint8_t changed, uint8_t value) {
@@ -87,76 +76,62 @@ static void wrote_ctrl3(struct lsm6dsox_chip *chip, uint8_t changed, uint8_t val
         lsm6dsox_chip_release_all(chip);
     }
     if ((value & BOOT) && (value & SW_RESET)) {
-        lsm6dsox_chip_complain(chip, "LSM6DSOX: BOOT and SW_RESET at once");
+        sensor_chip_complain(&chip->base, "BOOT and SW_RESET at once");
     }
     if (value & SW_RESET) {
         begin_reset(chip);
     } else if (value & BOOT) {
-        chip->boot_end = chip->wire.now_ns + chip->config.boot_ns;
+        chip->die.wait_end = chip->base.wire.now_ns + chip->config.boot_ns;
     }
 }
 
 static void check(struct lsm6dsox_chip *chip) {
-    const uint8_t *reg = chip->reg;
+    const uint8_t *reg = chip->die.reg;
     const uint8_t acc = reg[REG_CTRL1_XL] >> ODR_SHIFT;
     const uint8_t gyr = reg[REG_CTRL2_G] >> ODR_SHIFT;
     if (acc > ODR_1_6_HZ || gyr > ODR_LAST) {  // DS tables 44, 48
-        lsm6dsox_chip_complain(chip, "LSM6DSOX: a data rate that is not allowed");
+        sensor_chip_complain(&chip->base, "a data rate that is not allowed");
     }
     if (((reg[REG_CTRL5_C] >> ST_G_SHIFT) & ST_MASK) == 2 ||
         (reg[REG_CTRL5_C] & ST_MASK) == 3) {  // DS tables 55, 56
-        lsm6dsox_chip_complain(chip, "LSM6DSOX: a self-test that is not allowed");
+        sensor_chip_complain(&chip->base, "a self-test that is not allowed");
     }
     if ((reg[REG_PIN_CTRL] & PIN_CTRL_ONES) != PIN_CTRL_ONES) {
-        lsm6dsox_chip_complain(chip, "LSM6DSOX: a bit cleared that must be 1");
+        sensor_chip_complain(&chip->base, "a bit cleared that must be 1");
     }
 }
 
 static void wrote(struct lsm6dsox_chip *chip, uint8_t at, uint8_t old) {
-    const uint8_t value = chip->reg[at];
+    const uint8_t value = chip->die.reg[at];
     check(chip);
     if (at == REG_CTRL2_G && (old >> ODR_SHIFT) == ODR_OFF) {
-        chip->gyr_on_ns = chip->wire.now_ns;
+        chip->gyr_on_ns = chip->base.wire.now_ns;
     }
     if (at == REG_CTRL3_C) {
         wrote_ctrl3(chip, old ^ value, value);
     } else if (at == REG_CTRL4_C && (value & I2C_DISABLE)) {
-        lsm6dsox_chip_complain(chip, "LSM6DSOX: I2C turned off");
-        i2c_slave_release(&chip->wire);
+        sensor_chip_complain(&chip->base, "I2C turned off");
+        i2c_slave_release(&chip->base.wire);
     }
     lsm6dsox_chip_set_rates(chip);
 }
 
-static const struct rule *find_rule(uint8_t reg) {
-    for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
-        if (rules[i].reg == reg) {
-            return &rules[i];
-        }
+void lsm6dsox_chip_write(void *self, uint8_t die, uint8_t value) {
+    struct lsm6dsox_chip *chip = self;
+    const uint8_t at = chip->die.pointer;
+    const uint8_t old = chip->die.reg[at];
+    const struct st_rule *rule =
+        st_find_rule(rules, sizeof rules / sizeof rules[0], at);
+    static const struct st_rule with_4000_dps = {REG_CTRL2_G, 0x00, 0x00};
+    if (at == REG_CTRL2_G && chip->config.has_4000_dps) {
+        rule = &with_4000_dps;
     }
-    return NULL;
-}
-
-void lsm6dsox_chip_write_register(struct lsm6dsox_chip *chip, uint8_t value) {
-    const uint8_t at = chip->pointer;
-    const struct rule *rule = find_rule(at);
-    if (chip->reset_end != NEVER || chip->boot_end != NEVER) {
-        lsm6dsox_chip_complain(chip, "LSM6DSOX: a register written during a reset");
+    (void)die;
+    if (chip->reset_end != NEVER) {
+        sensor_chip_complain(&chip->base, "a register written during a reset");
     }
-    if (rule == NULL) {  // DS 10: may damage it permanently
-        lsm6dsox_chip_complain(
-            chip, "LSM6DSOX: a register written that is reserved or read-only");
-    } else {
-        const bool is_own = at == REG_CTRL2_G && chip->config.has_4000_dps;
-        const uint8_t reserved = is_own ? 0x00 : rule->reserved;
-        if (value & reserved) {
-            lsm6dsox_chip_complain(chip, "LSM6DSOX: a reserved bit set");
-        }
-        if (value & rule->unmodelled) {
-            lsm6dsox_chip_complain(
-                chip, "LSM6DSOX: something turned on that is not modelled");
-        }
-        const uint8_t old = chip->reg[at];
-        chip->reg[at] = value & (uint8_t)~reserved;
+    // DS 10: what is no register may damage it permanently.
+    if (st_write(&chip->base, &chip->die, rule, "reset", value)) {
         wrote(chip, at, old);
     }
     step(chip);

@@ -4,13 +4,10 @@
 #ifndef SIM_CHIPS_LSM9DS0_CHIP_H
 #define SIM_CHIPS_LSM9DS0_CHIP_H
 
-#include "../chip_motion.h"
-#include "../i2c_slave.h"
 #include "../lsm9ds0.h"
+#include "../sensor/st.h"
 
-#define NEVER UINT64_MAX
-
-enum { REG_COUNT = 128, AXES = 3, SENSORS = 3 };
+enum { SENSORS = 3 };
 
 // DS register map. Both dies have these at the same place.
 enum {
@@ -118,19 +115,8 @@ enum {
     M_CONTINUOUS = 0,
     M_SINGLE = 1,
     M_POWER_DOWN = 2,
-    // Status of all three: overrun of an axis is its "data available", four bits up.
-    DATA_ALL = 1 << 3,
-    OVERRUN_SHIFT = 4,
     // FIFO_SRC_REG
     FIFO_EMPTY = 1 << 5,
-};
-
-struct die {
-    uint8_t number;  // enum lsm9ds0_chip_die
-    uint8_t reg[REG_COUNT];
-    uint8_t pointer;
-    bool moves_on;      // bit 7 of the sub-address (DS 6.1)
-    uint64_t boot_end;  // of a reboot under way; NEVER for none
 };
 
 // One of gyroscope, accelerometer, magnetometer: its clock and its six output bytes.
@@ -139,48 +125,33 @@ struct sensor {
     uint64_t tick;      // number of the next sample
     uint64_t tick_ns;   // NEVER: off
     uint64_t samples;
-    int16_t latest[AXES];
-    // With BDU, output bytes of which the other half of the axis is yet to be read: the
-    // axis is not updated until then (DS: BDU). `waiting` axes have a newer value.
-    uint8_t half_read;
-    uint8_t waiting;
+    struct st_words words;
 };
 
 struct lsm9ds0_chip {
+    struct sensor_chip base;
     struct lsm9ds0_chip_config config;
-    struct i2c_slave wire;
-    struct chip_motion motion;
-    const char *complaint;
-
     uint64_t gyr_on_ns;  // the gyroscope left power-down
-    struct die g;
-    struct die xm;
+    struct st_die g;
+    struct st_die xm;
     struct sensor sensors[SENSORS];  // by chip_quantity
 };
 
-// chip.c
-// Keeps the first thing that the host did against the documents.
-void lsm9ds0_chip_complain(struct lsm9ds0_chip *chip, const char *what);
-struct die *lsm9ds0_chip_die_of(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
+// registers.c
+// The number of a quantity's die, enum lsm9ds0_chip_die, and the die.
+uint8_t lsm9ds0_chip_die_of(enum chip_quantity quantity);
+struct st_die *lsm9ds0_chip_die(struct lsm9ds0_chip *chip, uint8_t number);
+struct st_output lsm9ds0_chip_output(struct lsm9ds0_chip *chip,
+                                     enum chip_quantity quantity);
+// One byte from or to the register that the die's pointer is at.
+uint8_t lsm9ds0_chip_read(void *self, uint8_t die);
+void lsm9ds0_chip_write(void *self, uint8_t die, uint8_t value);
 
 // sense.c
 // Sets the time of the next sample after a change of rate or power, or at a reboot.
 void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
 void lsm9ds0_chip_restart_clock(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
-// Measures: `latest` of the sensor, and with the field the temperature.
-void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
-
-// output.c
+// Takes a sample: measures, and with the field the temperature.
 void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
-// An output byte has been read: number 0 to 5.
-void lsm9ds0_chip_release(struct lsm9ds0_chip *chip, enum chip_quantity quantity,
-                          int number);
-// BDU changed: nothing is held back, newer values show.
-void lsm9ds0_chip_release_all(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
-
-// registers.c: one byte from or to the register that the die's pointer is at.
-uint8_t lsm9ds0_chip_read_register(struct lsm9ds0_chip *chip, struct die *die);
-void lsm9ds0_chip_write_register(struct lsm9ds0_chip *chip, struct die *die,
-                                 uint8_t value);
 
 #endif

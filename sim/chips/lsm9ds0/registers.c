@@ -4,15 +4,47 @@
 
 #include <stddef.h>
 
-// A register that the host may write: bits that are none and must stay 0, and bits that
-// turn something on that is not modelled.
-struct rule {
-    uint8_t reg;
-    uint8_t reserved;
-    uint8_t unmodelled;
-};
+uint8_t lsm9ds0_chip_die_of(enum chip_quantity quantity) {
+    return quantity == CHIP_GYR ? LSM9DS0_CHIP_G : LSM9DS0_CHIP_XM;
+}
 
-static const struct rule rules_g[] = {
+struct st_die *lsm9ds0_chip_die(struct lsm9ds0_chip *chip, uint8_t number) {
+    return number == LSM9DS0_CHIP_G ? &chip->g : &chip->xm;
+}
+
+struct st_output lsm9ds0_chip_output(struct lsm9ds0_chip *chip,
+                                     enum chip_quantity quantity) {
+    uint8_t *g = chip->g.reg;
+    uint8_t *xm = chip->xm.reg;
+    // Bit 0 is x. The magnetometer has no enable bits.
+    const bool has_bdu = (xm[REG_CTRL1_XM] & XM_BDU) != 0;
+    switch (quantity) {
+    case CHIP_GYR:
+        return (struct st_output){
+            .out = &g[REG_OUT_X_L],
+            .status = &g[REG_STATUS],
+            .enabled = g[REG_CTRL1_G] & G_AXES,
+            .has_bdu = (g[REG_CTRL4_G] & G_BDU) != 0,
+            .is_big_endian = (g[REG_CTRL4_G] & G_BLE) != 0,
+        };
+    case CHIP_ACC:
+        return (struct st_output){
+            .out = &xm[REG_OUT_X_L],
+            .status = &xm[REG_STATUS],
+            .enabled = xm[REG_CTRL1_XM] & A_AXES,
+            .has_bdu = has_bdu,
+        };
+    default:
+        return (struct st_output){
+            .out = &xm[REG_OUT_X_L_M],
+            .status = &xm[REG_STATUS_M],
+            .enabled = 0x07,
+            .has_bdu = has_bdu,
+        };
+    }
+}
+
+static const struct st_rule rules_g[] = {
     {REG_CTRL1_G, 0x00, 0x00},       {REG_CTRL2_G, 0xC0, 0x00},
     {REG_CTRL3_G, 0x00, 0xC7},  // INT_G, and a FIFO's flags
     {REG_CTRL4_G, 0x08, 0x01},  // SPI
@@ -24,7 +56,7 @@ static const struct rule rules_g[] = {
     {REG_INT1_THS_ZL_G, 0x00, 0x00}, {REG_INT1_DURATION_G, 0x00, 0x00},
 };
 
-static const struct rule rules_xm[] = {
+static const struct st_rule rules_xm[] = {
     {REG_INT_CTRL_M, 0x00, 0x01},  // MIEN
     {REG_INT_THS_L_M, 0x00, 0x00},
     {REG_INT_THS_H_M, 0x80, 0x00},
@@ -61,26 +93,31 @@ static const struct rule rules_xm[] = {
     {REG_ACT_DUR, 0x00, 0x00},
 };
 
-static void step(struct die *die) {
-    if (die->moves_on) {
-        die->pointer = (die->pointer + 1) & (REG_COUNT - 1);
-    }
+static void release(struct lsm9ds0_chip *chip, enum chip_quantity quantity,
+                    int number) {
+    const struct st_output output = lsm9ds0_chip_output(chip, quantity);
+    st_release(&chip->sensors[quantity].words, &output, number);
 }
 
-uint8_t lsm9ds0_chip_read_register(struct lsm9ds0_chip *chip, struct die *die) {
+static void release_all(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
+    const struct st_output output = lsm9ds0_chip_output(chip, quantity);
+    st_release_all(&chip->sensors[quantity].words, &output);
+}
+
+uint8_t lsm9ds0_chip_read(void *self, uint8_t number) {
+    struct lsm9ds0_chip *chip = self;
+    struct st_die *die = lsm9ds0_chip_die(chip, number);
     const uint8_t at = die->pointer;
     uint8_t value = die->reg[at];
     if (at == REG_WHO_AM_I) {
-        const struct chip_fault *fault =
-            i2c_slave_find_fault(&chip->wire, CHIP_FAULT_WRONG_WHO_AM_I, die->number);
-        value = fault != NULL ? fault->value : value;
+        value = sensor_chip_identity(&chip->base, number, value);
     } else if (at >= REG_OUT_X_L && at < REG_OUT_X_L + 2 * AXES) {
-        lsm9ds0_chip_release(chip, die == &chip->g ? CHIP_GYR : CHIP_ACC,
-                             at - REG_OUT_X_L);
-    } else if (die == &chip->xm && at >= REG_OUT_X_L_M && at <= REG_OUT_Z_H_M) {
-        lsm9ds0_chip_release(chip, CHIP_MAG, at - REG_OUT_X_L_M);
+        release(chip, number == LSM9DS0_CHIP_G ? CHIP_GYR : CHIP_ACC, at - REG_OUT_X_L);
+    } else if (number == LSM9DS0_CHIP_XM && at >= REG_OUT_X_L_M &&
+               at <= REG_OUT_Z_H_M) {
+        release(chip, CHIP_MAG, at - REG_OUT_X_L_M);
     }
-    step(die);
+    st_step(die);
     return value;
 }
 
@@ -92,25 +129,26 @@ static void check_mag(struct lsm9ds0_chip *chip) {
     const int res = (reg[REG_CTRL5_XM] >> M_RES_SHIFT) & 0x03;
     const int aodr = reg[REG_CTRL1_XM] >> A_ODR_SHIFT;
     if (res == 1 || res == 2) {
-        lsm9ds0_chip_complain(chip, "LSM9DS0: a magnetic resolution that is reserved");
+        sensor_chip_complain(&chip->base, "a magnetic resolution that is reserved");
     }
     if ((reg[REG_CTRL7_XM] & M_MODE) >= M_POWER_DOWN ||
         (reg[REG_CTRL7_XM] & M_LOW_POWER)) {
         return;
     }
     if (modr > M_ODR_100_HZ) {
-        lsm9ds0_chip_complain(chip, "LSM9DS0: a magnetic data rate that is reserved");
+        sensor_chip_complain(&chip->base, "a magnetic data rate that is reserved");
     } else if (modr == M_ODR_100_HZ && aodr > 0 && aodr <= A_ODR_50_HZ) {
-        lsm9ds0_chip_complain(
-            chip, "LSM9DS0: 100 Hz of the magnetometer with a slow accelerometer");
+        sensor_chip_complain(&chip->base,
+                             "100 Hz of the magnetometer with a slow accelerometer");
     }
 }
 
-static void begin_boot(struct lsm9ds0_chip *chip, struct die *die) {
-    die->boot_end = chip->wire.now_ns + chip->config.startup_ns;
+static void begin_boot(struct lsm9ds0_chip *chip, uint8_t number) {
+    lsm9ds0_chip_die(chip, number)->wait_end =
+        chip->base.wire.now_ns + chip->base.config.startup_ns;
     for (int i = 0; i < SENSORS; i++) {
         const enum chip_quantity quantity = (enum chip_quantity)i;
-        if (lsm9ds0_chip_die_of(chip, quantity) == die) {
+        if (lsm9ds0_chip_die_of(quantity) == number) {
             lsm9ds0_chip_set_next_tick(chip, quantity);
         }
     }
@@ -120,19 +158,19 @@ static void wrote_g(struct lsm9ds0_chip *chip, uint8_t at, uint8_t old, uint8_t 
     const uint8_t changed = old ^ value;
     if (at == REG_CTRL1_G && changed) {
         if (!(old & G_PD)) {
-            chip->gyr_on_ns = chip->wire.now_ns;
+            chip->gyr_on_ns = chip->base.wire.now_ns;
         }
         lsm9ds0_chip_restart_clock(chip, CHIP_GYR);
     } else if (at == REG_CTRL4_G) {
         if (((value >> G_ST_SHIFT) & 0x03) == 2) {
-            lsm9ds0_chip_complain(
-                chip, "LSM9DS0: a self-test of the gyroscope that is reserved");
+            sensor_chip_complain(&chip->base,
+                                 "a self-test of the gyroscope that is reserved");
         }
         if (changed & G_BDU) {
-            lsm9ds0_chip_release_all(chip, CHIP_GYR);
+            release_all(chip, CHIP_GYR);
         }
     } else if (at == REG_CTRL5_G && (value & BOOT)) {
-        begin_boot(chip, &chip->g);
+        begin_boot(chip, LSM9DS0_CHIP_G);
     }
 }
 
@@ -142,28 +180,28 @@ static void wrote_xm(struct lsm9ds0_chip *chip, uint8_t at, uint8_t old,
     switch (at) {
     case REG_CTRL0_XM:
         if (value & BOOT) {
-            begin_boot(chip, &chip->xm);
+            begin_boot(chip, LSM9DS0_CHIP_XM);
         }
         break;
     case REG_CTRL1_XM:
         if ((value >> A_ODR_SHIFT) > A_ODR_LAST) {
-            lsm9ds0_chip_complain(
-                chip, "LSM9DS0: an acceleration data rate that is reserved");
+            sensor_chip_complain(&chip->base,
+                                 "an acceleration data rate that is reserved");
         }
         if (changed >> A_ODR_SHIFT) {
             lsm9ds0_chip_restart_clock(chip, CHIP_ACC);
         }
         if (changed & XM_BDU) {
-            lsm9ds0_chip_release_all(chip, CHIP_ACC);
-            lsm9ds0_chip_release_all(chip, CHIP_MAG);
+            release_all(chip, CHIP_ACC);
+            release_all(chip, CHIP_MAG);
         }
         check_mag(chip);
         break;
     case REG_CTRL2_XM:
         if (((value >> A_FS_SHIFT) & 0x07) > A_FS_LAST ||
             ((value >> A_ST_SHIFT) & 0x03) == 3) {
-            lsm9ds0_chip_complain(chip,
-                                  "LSM9DS0: a range or self-test that is not allowed");
+            sensor_chip_complain(&chip->base,
+                                 "a range or self-test that is not allowed");
         }
         break;
     case REG_CTRL5_XM:
@@ -183,45 +221,21 @@ static void wrote_xm(struct lsm9ds0_chip *chip, uint8_t at, uint8_t old,
     }
 }
 
-static const struct rule *find_rule(const struct lsm9ds0_chip *chip,
-                                    const struct die *die) {
-    const bool is_g = die == &chip->g;
-    const struct rule *rules = is_g ? rules_g : rules_xm;
-    const size_t count = is_g ? sizeof rules_g / sizeof rules_g[0]
-                              : sizeof rules_xm / sizeof rules_xm[0];
-    for (size_t i = 0; i < count; i++) {
-        if (rules[i].reg == die->pointer) {
-            return &rules[i];
-        }
-    }
-    return NULL;
-}
-
-void lsm9ds0_chip_write_register(struct lsm9ds0_chip *chip, struct die *die,
-                                 uint8_t value) {
+void lsm9ds0_chip_write(void *self, uint8_t number, uint8_t value) {
+    struct lsm9ds0_chip *chip = self;
+    struct st_die *die = lsm9ds0_chip_die(chip, number);
     const uint8_t at = die->pointer;
-    const struct rule *rule = find_rule(chip, die);
-    if (die->boot_end != NEVER) {  // the documents don't define this
-        lsm9ds0_chip_complain(chip, "LSM9DS0: a register written during a reboot");
-    }
-    if (rule == NULL) {
-        lsm9ds0_chip_complain(
-            chip, "LSM9DS0: a register written that is reserved or read-only");
-    } else {
-        if (value & rule->reserved) {
-            lsm9ds0_chip_complain(chip, "LSM9DS0: a reserved bit set");
-        }
-        if (value & rule->unmodelled) {
-            lsm9ds0_chip_complain(chip,
-                                  "LSM9DS0: something turned on that is not modelled");
-        }
-        const uint8_t old = die->reg[at];
-        die->reg[at] = value & (uint8_t)~rule->reserved;
-        if (die == &chip->g) {
+    const uint8_t old = die->reg[at];
+    const bool is_g = number == LSM9DS0_CHIP_G;
+    const struct st_rule *rule =
+        is_g ? st_find_rule(rules_g, sizeof rules_g / sizeof rules_g[0], at)
+             : st_find_rule(rules_xm, sizeof rules_xm / sizeof rules_xm[0], at);
+    if (st_write(&chip->base, die, rule, "reboot", value)) {
+        if (is_g) {
             wrote_g(chip, at, old, die->reg[at]);
         } else {
             wrote_xm(chip, at, old, die->reg[at]);
         }
     }
-    step(die);
+    st_step(die);
 }

@@ -42,7 +42,8 @@ static double period_ns(const struct lsm9ds0_chip *chip, enum chip_quantity quan
 void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip,
                                 enum chip_quantity quantity) {
     struct sensor *sensor = &chip->sensors[quantity];
-    const bool is_booting = lsm9ds0_chip_die_of(chip, quantity)->boot_end != NEVER;
+    const bool is_booting =
+        lsm9ds0_chip_die(chip, lsm9ds0_chip_die_of(quantity))->wait_end != NEVER;
     if (is_booting || rate_hz(chip, quantity) == 0.0) {
         sensor->tick_ns = NEVER;
         return;
@@ -53,23 +54,21 @@ void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip,
 
 void lsm9ds0_chip_restart_clock(struct lsm9ds0_chip *chip,
                                 enum chip_quantity quantity) {
-    chip->sensors[quantity].epoch_ns = chip->wire.now_ns;
+    chip->sensors[quantity].epoch_ns = chip->base.wire.now_ns;
     chip->sensors[quantity].tick = 1;
     lsm9ds0_chip_set_next_tick(chip, quantity);
 }
 
-// A moving average over w has its -3 dB point at 0.443 / w. Motion recorded behind such
-// a low-pass is only brought to the sample rate.
+// A moving average that ends now.
 static void low_passed(struct lsm9ds0_chip *chip, enum chip_quantity quantity,
                        double bandwidth_hz, double mean[AXES]) {
-    const int64_t now = (int64_t)chip->wire.now_ns;
-    if (chip->config.is_recorded) {
-        const int64_t half = (int64_t)llround(0.5 * period_ns(chip, quantity));
-        chip_motion_mean(&chip->motion, quantity, now - half, now + half, mean);
+    if (chip->base.motion.source.is_recorded) {
+        sensor_chip_recorded(&chip->base, quantity, period_ns(chip, quantity), mean);
         return;
     }
+    const int64_t now = (int64_t)chip->base.wire.now_ns;
     const int64_t width = (int64_t)llround(0.443e9 / bandwidth_hz);
-    chip_motion_mean(&chip->motion, quantity, now - width, now, mean);
+    chip_motion_mean(&chip->base.motion, quantity, now - width, now, mean);
 }
 
 static void sense_gyro(struct lsm9ds0_chip *chip, double counts[AXES]) {
@@ -84,12 +83,11 @@ static void sense_gyro(struct lsm9ds0_chip *chip, double counts[AXES]) {
     const uint8_t ctrl4 = chip->g.reg[REG_CTRL4_G];
     const int range = (ctrl4 >> G_FS_SHIFT) & 0x03;
     const double *sign = self_test_sign[(ctrl4 >> G_ST_SHIFT) & 0x03];
-    const bool is_weak = i2c_slave_find_fault(&chip->wire, CHIP_FAULT_GYR_SELF_TEST,
-                                              LSM9DS0_CHIP_G) != NULL;
     const double response_dps =
-        chip->config.gyr_self_test_dps[range > 2 ? 2 : range] * (is_weak ? 0.1 : 1.0);
+        chip->config.gyr_self_test_dps[range > 2 ? 2 : range] *
+        sensor_chip_response(&chip->base, CHIP_FAULT_GYR_SELF_TEST, LSM9DS0_CHIP_G);
     const bool is_good =
-        chip->wire.now_ns - chip->gyr_on_ns >= chip->config.gyr_turn_on_ns;
+        chip->base.wire.now_ns - chip->gyr_on_ns >= chip->config.gyr_turn_on_ns;
     double mean[AXES];
     low_passed(chip, CHIP_GYR,
                bandwidth_hz[ctrl1 >> G_DR_SHIFT][(ctrl1 >> G_BW_SHIFT) & 0x03], mean);
@@ -108,10 +106,9 @@ static void sense_accel(struct lsm9ds0_chip *chip, double counts[AXES]) {
     const uint8_t ctrl2 = chip->xm.reg[REG_CTRL2_XM];
     const int afs = (ctrl2 >> A_FS_SHIFT) & 0x07;
     const double mg = mg_per_count[afs > A_FS_LAST ? A_FS_LAST : afs];
-    const bool is_weak = i2c_slave_find_fault(&chip->wire, CHIP_FAULT_ACC_SELF_TEST,
-                                              LSM9DS0_CHIP_XM) != NULL;
     const double scale =
-        self_test_sign[(ctrl2 >> A_ST_SHIFT) & 0x03] * (is_weak ? 0.1 : 1.0);
+        self_test_sign[(ctrl2 >> A_ST_SHIFT) & 0x03] *
+        sensor_chip_response(&chip->base, CHIP_FAULT_ACC_SELF_TEST, LSM9DS0_CHIP_XM);
     double mean[AXES];
     low_passed(chip, CHIP_ACC, bandwidth_hz[ctrl2 >> A_BW_SHIFT], mean);
     for (int axis = 0; axis < AXES; axis++) {
@@ -124,9 +121,9 @@ static void sense_accel(struct lsm9ds0_chip *chip, double counts[AXES]) {
 static void sense_mag(struct lsm9ds0_chip *chip, double counts[AXES]) {
     static const double mgauss_per_count[4] = {0.08, 0.16, 0.32, 0.48};  // DS table 3
     const int range = (chip->xm.reg[REG_CTRL6_XM] >> M_FS_SHIFT) & 0x03;
-    const int64_t now = (int64_t)chip->wire.now_ns;
+    const int64_t now = (int64_t)chip->base.wire.now_ns;
     double field_ut[AXES];
-    chip_motion_mean(&chip->motion, CHIP_MAG, now, now, field_ut);
+    chip_motion_mean(&chip->base.motion, CHIP_MAG, now, now, field_ut);
     for (int axis = 0; axis < AXES; axis++) {
         // 1 uT is 10 mgauss.
         counts[axis] = chip->config.mag_sign[axis] * field_ut[axis] * 10.0 /
@@ -137,13 +134,12 @@ static void sense_mag(struct lsm9ds0_chip *chip, double counts[AXES]) {
 static void put_temperature(struct lsm9ds0_chip *chip) {
     // DS table 4: 8 LSB/degC; 12 bits, right-justified.
     const double counts =
-        rint((chip->config.temperature_c - chip->config.temperature_zero_c) * 8.0);
+        rint((chip->base.config.temperature_c - chip->config.temperature_zero_c) * 8.0);
     const int16_t value = (int16_t)fmin(fmax(counts, -2048.0), 2047.0);
-    chip->xm.reg[REG_OUT_TEMP_L_XM] = (uint8_t)((uint16_t)value & 0xFF);
-    chip->xm.reg[REG_OUT_TEMP_H_XM] = (uint8_t)((uint16_t)value >> 8);
+    st_put(&chip->xm.reg[REG_OUT_TEMP_L_XM], value, false);
 }
 
-void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
+static void sense(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
     double counts[AXES];
     if (quantity == CHIP_GYR) {
         sense_gyro(chip, counts);
@@ -156,7 +152,29 @@ void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip, enum chip_quantity quantity) 
         }
     }
     for (int axis = 0; axis < AXES; axis++) {
-        chip->sensors[quantity].latest[axis] =
+        chip->sensors[quantity].words.latest[axis] =
             chip_motion_to_counts(counts[axis], INT16_MAX);
+    }
+}
+
+void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
+    struct sensor *sensor = &chip->sensors[quantity];
+    const uint8_t die = lsm9ds0_chip_die_of(quantity);
+    sensor->tick++;
+    lsm9ds0_chip_set_next_tick(chip, quantity);
+    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, die) ||
+        (quantity == CHIP_MAG &&
+         sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_MAG, die))) {
+        return;
+    }
+    sensor->samples++;
+    if (!sensor_chip_suffers(&chip->base, CHIP_FAULT_FROZEN, die)) {
+        sense(chip, quantity);
+    }
+    const struct st_output output = lsm9ds0_chip_output(chip, quantity);
+    st_put_sample(&sensor->words, &output);
+    if (quantity == CHIP_MAG && (chip->xm.reg[REG_CTRL7_XM] & M_MODE) == M_SINGLE) {
+        chip->xm.reg[REG_CTRL7_XM] ^= M_SINGLE ^ M_POWER_DOWN;
+        lsm9ds0_chip_set_next_tick(chip, quantity);
     }
 }

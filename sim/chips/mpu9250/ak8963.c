@@ -51,7 +51,7 @@ void mpu9250_chip_reset_ak8963(struct mpu9250_chip *chip) {
     ak->reg[AK_INFO] = 0x9A;  // AK 8.3.2 leaves it open; what parts of this kind answer
     memcpy(&ak->reg[AK_ASAX], chip->config.mag_adjust, sizeof chip->config.mag_adjust);
     ak->measured_ns = NEVER;
-    ak->powered_down_ns = chip->wire.now_ns;
+    ak->powered_down_ns = chip->base.wire.now_ns;
 }
 
 // The period of the continuous modes, AK 6.4.3.
@@ -73,7 +73,7 @@ static void ak_sense(struct mpu9250_chip *chip, double own_ut[3]) {
     const uint8_t mode = chip->ak.reg[AK_CNTL1] & AK_MODE;
     const int64_t at_ns = (int64_t)(chip->ak.measured_ns - AK_MEASURE_NS / 2);
     double field[3];
-    chip_motion_mean(&chip->motion, CHIP_MAG, at_ns, at_ns, field);
+    chip_motion_mean(&chip->base.motion, CHIP_MAG, at_ns, at_ns, field);
     own_ut[0] = field[1];  // PS 9.1
     own_ut[1] = field[0];
     own_ut[2] = -field[2];
@@ -119,7 +119,7 @@ void mpu9250_chip_end_measurement(struct mpu9250_chip *chip) {
         if (ak->reg[AK_ST1] & AK_DRDY) {
             ak->reg[AK_ST1] |= AK_DOR;
         }
-        if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_FROZEN, 0) == NULL) {
+        if (!sensor_chip_suffers(&chip->base, CHIP_FAULT_FROZEN, 0)) {
             ak_publish(chip, own_ut);
         }
         ak->reg[AK_ST1] |= AK_DRDY;
@@ -143,28 +143,30 @@ static void ak_set_mode(struct mpu9250_chip *chip, uint8_t value) {
     const bool is_known = is_continuous || mode == AK_POWER_DOWN || mode == AK_SINGLE ||
                           mode == AK_SELF_TEST || mode == AK_FUSE_ROM;
     if (!is_known) {
-        mpu9250_chip_complain(chip,
-                              "AK8963: a mode that is prohibited or not modelled");
+        sensor_chip_complain_of(&chip->base, "AK8963",
+                                "a mode that is prohibited or not modelled");
         return;
     }
     // AK 6.3: from one mode to another only through power-down, and 100 us in it.
     if (mode != AK_POWER_DOWN && old != AK_POWER_DOWN && old != mode) {
-        mpu9250_chip_complain(chip, "AK8963: mode changed without power-down between");
+        sensor_chip_complain_of(&chip->base, "AK8963",
+                                "mode changed without power-down between");
         return;
     }
     if (mode != AK_POWER_DOWN && old == AK_POWER_DOWN &&
-        chip->wire.now_ns - ak->powered_down_ns < AK_WAIT_NS) {
-        mpu9250_chip_complain(chip, "AK8963: mode set within 100 us of power-down");
+        chip->base.wire.now_ns - ak->powered_down_ns < AK_WAIT_NS) {
+        sensor_chip_complain_of(&chip->base, "AK8963",
+                                "mode set within 100 us of power-down");
         return;
     }
     ak->reg[AK_CNTL1] = value & (AK_MODE | AK_16_BIT);
     ak->measured_ns = NEVER;
     if (mode == AK_POWER_DOWN) {
         if (old != AK_POWER_DOWN) {
-            ak->powered_down_ns = chip->wire.now_ns;
+            ak->powered_down_ns = chip->base.wire.now_ns;
         }
     } else if (mode != AK_FUSE_ROM) {
-        ak->started_ns = chip->wire.now_ns;
+        ak->started_ns = chip->base.wire.now_ns;
         ak->count = 0;
         ak_begin_measurement(chip);
     }
@@ -198,10 +200,11 @@ void mpu9250_chip_write_ak8963(struct mpu9250_chip *chip, uint8_t value) {
         ak->reg[AK_ASTC] = value & AK_SELF;  // AK 8.3.9: other bits must be 0
         break;
     case AK_I2CDIS:
-        mpu9250_chip_complain(chip, "AK8963: I2CDIS written");
+        sensor_chip_complain_of(&chip->base, "AK8963", "I2CDIS written");
         break;
     default:
-        mpu9250_chip_complain(chip, "AK8963: a read-only or reserved register written");
+        sensor_chip_complain_of(&chip->base, "AK8963",
+                                "a read-only or reserved register written");
         break;
     }
     ak_step(ak);
@@ -213,7 +216,8 @@ uint8_t mpu9250_chip_read_ak8963(struct mpu9250_chip *chip) {
     uint8_t value = at < AK_COUNT ? ak->reg[at] : 0;
     if (at >= AK_ASAX && at <= AK_ASAZ &&
         (ak->reg[AK_CNTL1] & AK_MODE) != AK_FUSE_ROM) {
-        mpu9250_chip_complain(chip, "AK8963: ASA read outside fuse ROM mode");
+        sensor_chip_complain_of(&chip->base, "AK8963",
+                                "ASA read outside fuse ROM mode");
         value = 0;  // AK 8.3.11: readable in fuse ROM access mode only
     }
     if (at >= AK_HXL && at <= AK_ST2) {

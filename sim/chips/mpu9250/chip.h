@@ -4,16 +4,8 @@
 #ifndef SIM_CHIPS_MPU9250_CHIP_H
 #define SIM_CHIPS_MPU9250_CHIP_H
 
-#include "../chip_motion.h"
-#include "../i2c_slave.h"
 #include "../mpu9250.h"
-
-#define NEVER UINT64_MAX
-#define MS UINT64_C(1000000)  // in nanoseconds
-#define US UINT64_C(1000)
-
-// The two dies on the wire.
-enum { DIE_MPU = 1, DIE_AK = 2 };
+#include "../sensor/model.h"
 
 // RM 3, table 1.
 enum {
@@ -129,11 +121,8 @@ struct aux {
 };
 
 struct mpu9250_chip {
+    struct sensor_chip base;
     struct mpu9250_chip_config config;
-    struct i2c_slave wire;
-    struct chip_motion motion;
-    const char *complaint;
-
     uint8_t reg[REG_COUNT];
     // Registers 59 to 96 as the sensors fill them; what the host sees follows while the
     // wire is idle, so that a burst is of one instant (RM 4.22, 4.24).
@@ -154,8 +143,6 @@ struct mpu9250_chip {
     struct ak8963 ak;
 };
 
-// Keeps the first thing that the host did against the documents.
-void mpu9250_chip_complain(struct mpu9250_chip *chip, const char *what);
 // False for an MPU-6500, and while CHIP_FAULT_NO_MAG is active.
 bool mpu9250_chip_has_ak8963(const struct mpu9250_chip *chip);
 // H_RESET and power-up. The AK8963 is another die and keeps its state.

@@ -54,7 +54,7 @@ void mpu9250_chip_cut_aux(struct mpu9250_chip *chip) {
         return;
     }
     const uint64_t bit_ns = aux_bits_ns(chip, 1);
-    const uint64_t left = (aux->byte_ns - chip->wire.now_ns + bit_ns - 1) / bit_ns;
+    const uint64_t left = (aux->byte_ns - chip->base.wire.now_ns + bit_ns - 1) / bit_ns;
     if (left < 2 || left > BYTE_BITS) {
         return;  // the acknowledge, or an address
     }
@@ -115,7 +115,7 @@ static void aux_next(struct mpu9250_chip *chip, unsigned slave) {
         bits += (address & SLV_READ) && has_reg ? 1 + 9 : 0;
         bits += 9;
     }
-    aux->byte_ns = chip->wire.now_ns + aux_bits_ns(chip, bits);
+    aux->byte_ns = chip->base.wire.now_ns + aux_bits_ns(chip, bits);
 }
 
 static void aux_put(struct mpu9250_chip *chip, unsigned index, uint8_t value) {
@@ -167,7 +167,7 @@ void mpu9250_chip_move_aux_byte(struct mpu9250_chip *chip) {
     }
     aux->at++;
     if (!aux->is_refused && aux->at < aux->length) {
-        aux->byte_ns = chip->wire.now_ns + aux_bits_ns(chip, 9);
+        aux->byte_ns = chip->base.wire.now_ns + aux_bits_ns(chip, 9);
         return;
     }
     if (slave == 4) {

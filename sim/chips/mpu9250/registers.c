@@ -23,9 +23,7 @@ uint8_t mpu9250_chip_read_register(struct mpu9250_chip *chip) {
         chip->reg[at] = 0;  // RM 4.18: reading clears
     }
     if (at == REG_WHO_AM_I) {
-        const struct chip_fault *fault =
-            i2c_slave_find_fault(&chip->wire, CHIP_FAULT_WRONG_WHO_AM_I, 0);
-        value = fault != NULL ? fault->value : value;
+        value = sensor_chip_identity(&chip->base, MPU9250_CHIP_MPU, value);
     }
     if (at != REG_FIFO_R_W) {  // the one register that does not move on
         chip->pointer = (at + 1) & (REG_COUNT - 1);
@@ -39,12 +37,12 @@ static void write_power(struct mpu9250_chip *chip, uint8_t value) {
         return;
     }
     if (value & PWR_CYCLE) {
-        mpu9250_chip_complain(chip, "MPU-9250: low-power cycling is not modelled");
+        sensor_chip_complain(&chip->base, "low-power cycling is not modelled");
     }
     chip->reg[REG_PWR_MGMT_1] = value;
     const bool is_asleep = (value & PWR_SLEEP) != 0;
     if (chip->is_asleep && !is_asleep) {
-        chip->awake_ns = chip->wire.now_ns;
+        chip->awake_ns = chip->base.wire.now_ns;
     }
     if (chip->is_asleep != is_asleep) {
         chip->is_asleep = is_asleep;
@@ -56,7 +54,7 @@ static void write_power(struct mpu9250_chip *chip, uint8_t value) {
 
 static void write_user_control(struct mpu9250_chip *chip, uint8_t value) {
     if (value & 0x54) {  // FIFO_EN, I2C_IF_DIS, FIFO_RST
-        mpu9250_chip_complain(chip, "MPU-9250: FIFO and SPI are not modelled");
+        sensor_chip_complain(&chip->base, "FIFO and SPI are not modelled");
     }
     if (value & USER_I2C_MST_RST) {
         mpu9250_chip_cut_aux(chip);
@@ -95,8 +93,8 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
     case REG_INT_ENABLE:
         chip->reg[at] = value;
         if (value & ~INT_RAW_RDY) {
-            mpu9250_chip_complain(
-                chip, "MPU-9250: only the data-ready interrupt is modelled");
+            sensor_chip_complain(&chip->base,
+                                 "only the data-ready interrupt is modelled");
         }
         break;
     case REG_SIGNAL_PATH_RESET:
@@ -109,7 +107,7 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
         break;
     case REG_I2C_SLV4_DI:
     case REG_I2C_MST_STATUS:
-        mpu9250_chip_complain(chip, "MPU-9250: a read-only register written");
+        sensor_chip_complain(&chip->base, "a read-only register written");
         break;
     default:
         if ((at >= REG_XG_OFFSET_H && at <= REG_ZG_OFFSET_L) ||
@@ -120,9 +118,9 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
             (at >= REG_SELF_TEST_X_ACCEL && at < REG_SELF_TEST_X_ACCEL + 3)) {
             chip->reg[at] = value;
         } else if (value != 0 || at > REG_WHO_AM_I) {
-            mpu9250_chip_complain(
-                chip, "MPU-9250: a register written that is reserved, read-only "
-                      "or not modelled");
+            sensor_chip_complain(&chip->base,
+                                 "a register written that is reserved, read-only "
+                                 "or not modelled");
         }
         break;
     }

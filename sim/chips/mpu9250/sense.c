@@ -38,60 +38,34 @@ void mpu9250_chip_set_next_tick(struct mpu9250_chip *chip) {
 }
 
 void mpu9250_chip_restart_clock(struct mpu9250_chip *chip) {
-    chip->epoch_ns = chip->wire.now_ns;
+    chip->epoch_ns = chip->base.wire.now_ns;
     chip->tick = 1;
     mpu9250_chip_set_next_tick(chip);
 }
 
-// A setting of a digital low-pass: its -3 dB bandwidth and the delay it brings.
-struct lowpass_setting {
-    double bandwidth_hz;
-    double delay_ms;
-};
-
 // RM 4.6: the gyroscope's, by FCHOICE_B and DLPF_CFG.
-static struct lowpass_setting gyro_lowpass(const struct mpu9250_chip *chip) {
-    static const struct lowpass_setting dlpf[8] = {
-        {250, 0.97}, {184, 2.9},  {92, 3.9},  {41, 5.9},
-        {20, 9.9},   {10, 17.85}, {5, 33.48}, {3600, 0.17}};
+static struct lowpass gyro_lowpass(const struct mpu9250_chip *chip) {
+    static const struct lowpass dlpf[8] = {{250, 0.97}, {184, 2.9},  {92, 3.9},
+                                           {41, 5.9},   {20, 9.9},   {10, 17.85},
+                                           {5, 33.48},  {3600, 0.17}};
     const uint8_t fchoice_b = chip->reg[REG_GYRO_CONFIG] & GYRO_FCHOICE_B;
     if (fchoice_b & 1) {
-        return (struct lowpass_setting){8800, 0.064};  // FCHOICE x0
+        return (struct lowpass){8800, 0.064};  // FCHOICE x0
     }
     if (fchoice_b == 2) {
-        return (struct lowpass_setting){3600, 0.11};  // FCHOICE 01
+        return (struct lowpass){3600, 0.11};  // FCHOICE 01
     }
     return dlpf[chip->reg[REG_CONFIG] & DLPF];
 }
 
 // RM 4.8, rev 1.6: the accelerometer's, by ACCEL_FCHOICE_B and A_DLPF_CFG.
-static struct lowpass_setting accel_lowpass(const struct mpu9250_chip *chip) {
-    static const struct lowpass_setting dlpf[8] = {
-        {218.1, 1.88}, {218.1, 1.88}, {99, 2.88},    {44.8, 4.88},
-        {21.2, 8.87},  {10.2, 16.83}, {5.05, 32.48}, {420, 1.38}};
+static struct lowpass accel_lowpass(const struct mpu9250_chip *chip) {
+    static const struct lowpass dlpf[8] = {{218.1, 1.88}, {218.1, 1.88}, {99, 2.88},
+                                           {44.8, 4.88},  {21.2, 8.87},  {10.2, 16.83},
+                                           {5.05, 32.48}, {420, 1.38}};
     const uint8_t config = chip->reg[REG_ACCEL_CONFIG_2];
-    return config & ACCEL_FCHOICE_B ? (struct lowpass_setting){1046, 0.503}
+    return config & ACCEL_FCHOICE_B ? (struct lowpass){1046, 0.503}
                                     : dlpf[config & DLPF];
-}
-
-// The current values for the registers of a die. A moving average over w has its -3 dB
-// point at 0.443 / w; it is centred on the delay, later where it would see the future.
-// Motion recorded behind such a low-pass is only brought to the sample rate.
-static void low_passed(struct mpu9250_chip *chip, enum chip_quantity quantity,
-                       struct lowpass_setting setting, double mean[3]) {
-    const int64_t now = (int64_t)chip->wire.now_ns;
-    if (chip->config.is_recorded) {
-        const int64_t half = (int64_t)llround(0.5 * sample_period_ns(chip));
-        chip_motion_mean(&chip->motion, quantity, now - half, now + half, mean);
-        return;
-    }
-    const int64_t half = (int64_t)llround(0.5 * 0.443e9 / setting.bandwidth_hz);
-    int64_t delay = (int64_t)llround(setting.delay_ms * 1e6);
-    if (delay < half) {
-        delay = half;
-    }
-    chip_motion_mean(&chip->motion, quantity, now - delay - half, now - delay + half,
-                     mean);
 }
 
 static void put_big_endian(uint8_t *at, int16_t value) {
@@ -114,10 +88,10 @@ static void sample_gyro(struct mpu9250_chip *chip) {
     // RM 4.3: 2^16 counts over 500 deg/s at FS_SEL 0.
     const double counts_per_rad_s = 65536.0 / 500.0 / RAD_PER_DEG / (1 << range);
     double mean[3];
-    low_passed(chip, CHIP_GYR, gyro_lowpass(chip), mean);
+    sensor_chip_low_passed(&chip->base, CHIP_GYR, gyro_lowpass(chip),
+                           sample_period_ns(chip), mean);
     const double response =
-        i2c_slave_find_fault(&chip->wire, CHIP_FAULT_GYR_SELF_TEST, 0) != NULL ? 0.1
-                                                                               : 1.0;
+        sensor_chip_response(&chip->base, CHIP_FAULT_GYR_SELF_TEST, 0);
     for (int axis = 0; axis < 3; axis++) {
         double counts = mean[axis] * counts_per_rad_s;
         // RM 4.3: OffsetLSB = X_OFFS_USR * 4 / 2^FS_SEL
@@ -129,7 +103,7 @@ static void sample_gyro(struct mpu9250_chip *chip) {
         }
         const bool is_off = (chip->reg[REG_PWR_MGMT_2] & (4 >> axis)) != 0 ||
                             (chip->reg[REG_PWR_MGMT_1] & PWR_GYRO_STANDBY) != 0 ||
-                            chip->wire.now_ns - chip->awake_ns < GYRO_START_NS;
+                            chip->base.wire.now_ns - chip->awake_ns < GYRO_START_NS;
         put_big_endian(&chip->inner[REG_GYRO_XOUT_H + 2 * axis],
                        chip_motion_to_counts(is_off ? 0.0 : counts, 32767.0));
     }
@@ -140,10 +114,10 @@ static void sample_accel(struct mpu9250_chip *chip) {
     const int range = (config >> RANGE_SHIFT) & 3;
     const double counts_per_m_s2 = 16384.0 / STANDARD_GRAVITY / (1 << range);  // PS 3.2
     double mean[3];
-    low_passed(chip, CHIP_ACC, accel_lowpass(chip), mean);
+    sensor_chip_low_passed(&chip->base, CHIP_ACC, accel_lowpass(chip),
+                           sample_period_ns(chip), mean);
     const double response =
-        i2c_slave_find_fault(&chip->wire, CHIP_FAULT_ACC_SELF_TEST, 0) != NULL ? 0.1
-                                                                               : 1.0;
+        sensor_chip_response(&chip->base, CHIP_FAULT_ACC_SELF_TEST, 0);
     for (int axis = 0; axis < 3; axis++) {
         double counts = mean[axis] * counts_per_m_s2;
         // RM 4.39: 15 bits, steps of 0.98 mg, the lowest bit of the pair is reserved.
@@ -154,14 +128,14 @@ static void sample_accel(struct mpu9250_chip *chip) {
             counts += response * self_test_counts(code) / (1 << range);
         }
         const bool is_off = (chip->reg[REG_PWR_MGMT_2] & (0x20 >> axis)) != 0 ||
-                            chip->wire.now_ns - chip->awake_ns < ACCEL_START_NS;
+                            chip->base.wire.now_ns - chip->awake_ns < ACCEL_START_NS;
         put_big_endian(&chip->inner[REG_ACCEL_XOUT_H + 2 * axis],
                        chip_motion_to_counts(is_off ? 0.0 : counts, 32767.0));
     }
 }
 
 void mpu9250_chip_show(struct mpu9250_chip *chip) {
-    if (!chip->wire.is_transfer) {
+    if (!chip->base.wire.is_transfer) {
         memcpy(&chip->reg[REG_ACCEL_XOUT_H], &chip->inner[REG_ACCEL_XOUT_H],
                REG_EXT_SENS_DATA_23 - REG_ACCEL_XOUT_H + 1);
     }
@@ -172,24 +146,24 @@ void mpu9250_chip_signal_data_ready(struct mpu9250_chip *chip) {
     if (chip->reg[REG_INT_ENABLE] & INT_RAW_RDY) {
         chip->int_level = true;
         const bool is_latched = (chip->reg[REG_INT_PIN_CFG] & INT_LATCH) != 0;
-        chip->int_end_ns = is_latched ? NEVER : chip->wire.now_ns + INT_PULSE_NS;
+        chip->int_end_ns = is_latched ? NEVER : chip->base.wire.now_ns + INT_PULSE_NS;
     }
 }
 
 void mpu9250_chip_take_sample(struct mpu9250_chip *chip) {
     chip->tick++;
     mpu9250_chip_set_next_tick(chip);
-    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_DATA_READY, 0) != NULL) {
+    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, 0)) {
         return;
     }
     chip->samples++;
-    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_FROZEN, 0) == NULL) {
+    if (!sensor_chip_suffers(&chip->base, CHIP_FAULT_FROZEN, 0)) {
         sample_gyro(chip);
         sample_accel(chip);
         // RM 4.23, PS 3.4.2: 333.87 LSB/degC, 0 at 21 degC.
-        put_big_endian(
-            &chip->inner[REG_TEMP_OUT_H],
-            chip_motion_to_counts((chip->config.temperature_c - 21.0) * 333.87, 32767));
+        put_big_endian(&chip->inner[REG_TEMP_OUT_H],
+                       chip_motion_to_counts(
+                           (chip->base.config.temperature_c - 21.0) * 333.87, 32767));
     }
     mpu9250_chip_show(chip);
     // A round of the I2C master that is still under way continues; this sample has

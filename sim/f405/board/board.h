@@ -15,7 +15,7 @@
 struct f405_board {
     struct run run;
     struct f405 machine;
-    struct lsm9ds0_chip *sensor;
+    struct sensor_chip *sensor;
     // Options.
     const char *card_image, *card_kind;
     const char *radio_file, *battery_mv;

@@ -74,11 +74,7 @@ static int power_up(void *self, struct run *run) {
     struct f405 *machine = &board->machine;
     const struct run_options *options = &run->options;
     struct lsm9ds0_chip_config config = lsm9ds0_chip_defaults();
-    if (options->motion != NULL) {
-        config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
-        config.motion = motion_mean;
-        config.context = &run->motion;
-    }
+    config.sensor.motion = motion_source(&run->motion);
     board->sensor = lsm9ds0_chip_new(&config);
     if (board->sensor == NULL || !f405_init(machine, board->sensor, options->seed)) {
         return run_complain(run, "libunicorn", "has no Cortex-M4");
@@ -185,7 +181,7 @@ static void suffer(void *self, const struct fault *fault) {
 
 static bool add_chip_fault(void *self, const struct chip_fault *fault) {
     struct f405_board *const board = self;
-    return i2c_slave_add_fault(lsm9ds0_chip_wire(board->sensor), fault);
+    return i2c_slave_add_fault(sensor_chip_wire(board->sensor), fault);
 }
 
 static void cut_memory(void *self) {
@@ -212,12 +208,12 @@ static void report(void *self, struct run_report *out) {
         .resets = machine->resets,
         .memory_writes = machine->flash_control.writes,
         .uart_overruns = machine->usart.overruns,
-        .bus_transactions = lsm9ds0_chip_transactions(board->sensor),
+        .bus_transactions = sensor_chip_transactions(board->sensor),
         .stack = f405_stack_deepest(machine),
         .flash = board->flash,
         .ram = board->ram,
         .firmware_complaint = machine->complaint,
-        .sensor_complaint = lsm9ds0_chip_complaint(board->sensor),
+        .sensor_complaint = sensor_chip_complaint(board->sensor),
         .crash = machine->ended,
         .pc = machine->pc,
         .sp = f405_sp(machine),
@@ -341,7 +337,7 @@ int main(int argc, char **argv) {
     const int code = run_main(&board->run, &board_f405, board, argv + 1);
     f405_card_free(board);
     f405_free(&board->machine);
-    lsm9ds0_chip_free(board->sensor);
+    sensor_chip_free(board->sensor);
     rn41_chip_free(board->radio);
     return code;
 }

@@ -59,7 +59,7 @@ enum {
 #define RETRY_PS (10 * F405_PS_PER_US)  // how often a held bus is looked at again
 
 static struct i2c_slave *wire(const struct f405 *m) {
-    return lsm9ds0_chip_wire(m->sensor);
+    return sensor_chip_wire(m->sensor);
 }
 
 bool i2c_is_held(const struct f405 *m) {

@@ -57,7 +57,7 @@ static int outside(const struct f405 *m, unsigned port, unsigned pin) {
     switch (pin) {
     case PIN_DRDY_G:
     case PIN_DRDY_XM:
-        return lsm9ds0_chip_pin_is_high(m->sensor, pin == PIN_DRDY_G
+        return sensor_chip_pin_is_high(m->sensor, pin == PIN_DRDY_G
                                                        ? LSM9DS0_CHIP_DRDY_G
                                                        : LSM9DS0_CHIP_INT2_XM)
                    ? 1
@@ -151,7 +151,7 @@ void pins_follow_port(struct f405 *m, unsigned number) {
 // The chip's pins may change with a byte on the bus and with time.
 void pins_follow(struct f405 *m) {
     pins_follow_port(m, PORT_B);
-    const uint64_t next = lsm9ds0_chip_next_event(m->sensor);
+    const uint64_t next = sensor_chip_next_event(m->sensor);
     if (next == UINT64_MAX) {
         f405_never(m, EVENT_CHIP);
         return;

@@ -4,21 +4,20 @@
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
 import native
 from sim.chips import sensor_desk
-from sim.chips.sensor_desk import SensorDesk
+from sim.chips.sensor_desk import ACC, GYR, MAG, StDesk
 
 G, XM = 0x6B, 0x1D
-ON = 0x80  # bit 7 of the sub-address: increment it after each byte
+ON = StDesk.ON
 
 ffi, lib = native.load()
 recorder = functools.partial(sensor_desk.recorder, ffi)
 
-GYR, ACC, MAG = lib.CHIP_GYR, lib.CHIP_ACC, lib.CHIP_MAG
 DRDY_G = lib.LSM9DS0_CHIP_DRDY_G
 INT1, INT2 = lib.LSM9DS0_CHIP_INT1_XM, lib.LSM9DS0_CHIP_INT2_XM
 # Of each sensor: address, status register, first output register.
@@ -27,8 +26,12 @@ PLACES = {GYR: (G, 0x27, 0x28), ACC: (XM, 0x27, 0x28), MAG: (XM, 0x07, 0x08)}
 every_sensor = pytest.mark.parametrize("quantity", [GYR, ACC, MAG])
 
 
-class Chip(SensorDesk):
+class Chip(StDesk):
     """A chip without start-up time, whose gyroscope turns on at once."""
+
+    PLACES: ClassVar = {
+        q: (die, out, status, 0x09) for q, (die, status, out) in PLACES.items()
+    }
 
     def __init__(self, **config: Any) -> None:
         at_once = {"startup_ns": 0, "gyr_turn_on_ns": 0}
@@ -36,34 +39,6 @@ class Chip(SensorDesk):
 
     def fault(self, kind: str, die: str = "BOTH", **fields: int) -> None:
         super().fault(kind, die=getattr(lib, f"LSM9DS0_CHIP_{die}"), **fields)
-
-    def counts(self, quantity: int) -> list[int]:
-        """The three axes, read in one burst."""
-        address, _, out = PLACES[quantity]
-        data = bytes(self.get(address, ON | out, 6))
-        return [
-            int.from_bytes(data[i : i + 2], "little", signed=True) for i in (0, 2, 4)
-        ]
-
-    def status(self, quantity: int) -> int:
-        address, reg, _ = PLACES[quantity]
-        return self.get(address, reg)[0]
-
-    def samples(self, quantity: int) -> int:
-        return int(self.call("samples", quantity))
-
-    def is_high(self, pin: int) -> bool:
-        return bool(self.call("pin_is_high", pin))
-
-    def sample(self, quantity: int) -> int:
-        """Let time pass until the next sample of a sensor; return its time in ns."""
-        before = self.samples(quantity)
-        while self.samples(quantity) == before:
-            self.advance(self.next_event())
-        return int(self.now[0])
-
-    def times(self, quantity: int, count: int) -> list[int]:
-        return [self.sample(quantity) for _ in range(count)]
 
     def run_gyro(self, ctrl1: int = 0xBF, ctrl4: int = 0xA0) -> None:
         """By default 380 Hz, 100 Hz bandwidth, BDU, 2000 deg/s."""
@@ -93,3 +68,6 @@ class Chip(SensorDesk):
         else:
             self.put(XM, 0x20, 0x0F if bdu else 0x07)
             self.run_mag()
+
+    def bdu_off(self, quantity: int) -> None:
+        self.put(*{G: (G, 0x23, 0x20), XM: (XM, 0x20, 0x87)}[PLACES[quantity][0]])

@@ -39,13 +39,10 @@ class Chip(SensorDesk):
         ]
 
     def int_is_high(self) -> bool:
-        return bool(self.call("int_is_high"))
-
-    def peek(self, reg: int) -> int:
-        return int(self.call("peek", reg))
+        return bool(self.call("pin_is_high", 0))
 
     def peek_ak8963(self, reg: int) -> int:
-        return int(self.call("peek_ak8963", reg))
+        return self.peek(reg, lib.MPU9250_CHIP_AK8963)
 
     def edges(self, ms: float) -> list[int]:
         """The times in ns at which INT rises during the next `ms`."""

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 MS = 1_000_000  # ns
+GYR, ACC, MAG = range(3)  # enum chip_quantity
 GRAVITY = 9.80665  # m/s2
 
 Triple = tuple[float, float, float]
@@ -14,23 +15,33 @@ Triple = tuple[float, float, float]
 class SensorDesk:
     """A sensor's model, the time in ns, and an I2C master at 400 kHz."""
 
-    def __init__(self, name: str, ffi: Any, lib: Any, **config: Any) -> None:
+    def __init__(
+        self, name: str, ffi: Any, lib: Any, kind: str = "defaults", **config: Any
+    ) -> None:
         self.name = name
         self.ffi = ffi
         self.lib = lib
         self.config = ffi.new(f"struct {name}_chip_config *")
-        self.config[0] = self.call("defaults", of_chip=False)
+        self.config[0] = getattr(lib, f"{name}_chip_{kind}")()
+        sensor = self.config.sensor
         for key, value in config.items():
-            setattr(self.config, key, value)
-        made = self.call("new", self.config, of_chip=False)
-        self.chip = ffi.gc(made, getattr(lib, f"{name}_chip_free"))
+            if key == "motion":
+                sensor.motion.function = value
+            elif key == "is_recorded":
+                sensor.motion.is_recorded = value
+            else:
+                setattr(sensor if hasattr(sensor, key) else self.config, key, value)
+        made = getattr(lib, f"{name}_chip_new")(self.config)
+        self.chip = ffi.gc(made, lib.sensor_chip_free)
         self.wire = self.call("wire")
         self.now = ffi.new("uint64_t *", 0)
 
-    def call(self, what: str, *arguments: Any, of_chip: bool = True) -> Any:
+    def call(self, what: str, *arguments: Any) -> Any:
         """Call a function of the model by the last part of its name."""
-        function = getattr(self.lib, f"{self.name}_chip_{what}")
-        return function(self.chip, *arguments) if of_chip else function(*arguments)
+        return getattr(self.lib, f"sensor_chip_{what}")(self.chip, *arguments)
+
+    def peek(self, reg: int, die: int = 1) -> int:
+        return int(self.call("peek", die, reg))
 
     # Whole transactions. Those named try_ return 0, -1 (NACK) or -3 (SDA is held low).
 
@@ -116,6 +127,54 @@ class SensorDesk:
     def complaint(self) -> str | None:
         text = self.call("complaint")
         return None if text == self.ffi.NULL else self.ffi.string(text).decode()
+
+
+class StDesk(SensorDesk):
+    """A sensor of ST: words of two bytes, low byte first."""
+
+    # Of each sensor: address, first output register, status register, bits of it that
+    # are set where all axes are new.
+    PLACES: ClassVar[dict[int, tuple[int, int, int, int]]]
+    ON = 0x80  # bit 7 of the sub-address: increment it after each byte
+
+    def words(self, address: int, reg: int, count: int = 3) -> list[int]:
+        data = bytes(self.get(address, self.ON | reg, 2 * count))
+        return [
+            int.from_bytes(data[i : i + 2], "little", signed=True)
+            for i in range(0, 2 * count, 2)
+        ]
+
+    def counts(self, quantity: int = MAG) -> list[int]:
+        """The three axes, read in one burst."""
+        return self.words(*self.PLACES[quantity][:2])
+
+    def status(self, quantity: int = MAG) -> int:
+        address, _, reg, _ = self.PLACES[quantity]
+        return self.get(address, reg)[0]
+
+    def has_new(self, quantity: int) -> bool:
+        new = self.PLACES[quantity][3]
+        return self.status(quantity) & new == new
+
+    def samples(self, quantity: int = MAG) -> int:
+        return int(self.call("samples", quantity))
+
+    def is_high(self, pin: int = 0) -> bool:
+        return bool(self.call("pin_is_high", pin))
+
+    def sample(self, quantity: int = MAG) -> int:
+        """Let time pass until the next sample of a sensor; return its time in ns."""
+        before = self.samples(quantity)
+        while self.samples(quantity) == before:
+            self.advance(self.next_event())
+        return int(self.now[0])
+
+    def settle(self, quantity: int) -> None:
+        """Let the samples pass that come before the filters have settled."""
+        self.sample(quantity)
+
+    def times(self, quantity: int, count: int) -> list[int]:
+        return [self.sample(quantity) for _ in range(count)]
 
 
 def recorder(ffi: Any, quantity: int) -> tuple[Any, list[tuple[int, int]]]:

@@ -60,9 +60,9 @@ def test_each_chip_answers_for_itself() -> None:
     assert {a: who for a, who in found.items() if who is not None} == WHO
     assert pair.write(MAG, 0x20, 0x7C)
     assert pair.write(IMU, 0x10, 0x48)
-    assert pair.mag.call("peek", 0x20) == 0x7C
-    assert pair.imu.call("peek", 0x10) == 0x48
-    assert pair.imu.call("peek", 0x20) == pair.mag.call("peek", 0x10) == 0
+    assert pair.mag.peek(0x20) == 0x7C
+    assert pair.imu.peek(0x10) == 0x48
+    assert pair.imu.peek(0x20) == pair.mag.peek(0x10) == 0
 
 
 def test_both_count_the_same_transactions() -> None:
@@ -91,7 +91,7 @@ def test_nobody_takes_a_byte_that_was_sent_on_a_held_line() -> None:
     pair = Pair()
     pair.mag.fault("STUCK_SDA", first=1, transactions=1, at_byte=2, clocks=9)
     assert not pair.write(IMU, 0x10, 0x48)
-    assert pair.imu.call("peek", 0x10) == 0x00
+    assert pair.imu.peek(0x10) == 0x00
 
 
 def test_a_line_held_while_one_is_read_gives_zeros() -> None:

@@ -47,12 +47,6 @@ def test_code_11_of_the_accelerometer_is_1_6_hz_in_low_power_alone(
     assert times[-1] - times[0] == pytest.approx(3e9 / hz, abs=1)
 
 
-def test_all_is_off_after_power_up(chip: Chip) -> None:
-    assert chip.next_event() == 2**64 - 1
-    chip.wait(1000)
-    assert chip.read(0x1E) == 0
-
-
 @every_sensor
 def test_power_down_stops_a_sensor_and_keeps_its_last_sample(
     chip: Chip, quantity: int
@@ -88,15 +82,6 @@ def test_both_sensors_sample_on_one_grid(chip: Chip) -> None:
     chip.run(GYR, code=6)
     fast = set(chip.times(GYR, 20))
     assert {chip.sample(ACC) + round(k * 1e9 / HZ[5]) for k in range(-4, 0)} & fast
-
-
-@pytest.mark.parametrize("ppm", [-30_000.0, 250.0, 30_000.0])
-def test_a_rate_error_adds_up_without_drift(ppm: float) -> None:
-    chip = Chip(rate_error_ppm=ppm)
-    chip.run(GYR, code=6)
-    times = chip.times(GYR, 8_001)
-    period = (times[-1] - times[0]) / 8_000
-    assert period == pytest.approx(1e9 / HZ[5] / (1 + ppm * 1e-6), abs=0.01)
 
 
 def test_warmth_changes_the_rate_and_no_sample_jumps() -> None:
@@ -242,16 +227,6 @@ def test_lpf1_of_the_accelerometer_has_700_hz_in_normal_mode() -> None:
     chip.sample(ACC)
     ((start, end),) = asked
     assert end - start == pytest.approx(0.443e9 / 700, abs=2)  # DS figure 17
-
-
-@every_sensor
-def test_recorded_motion_is_brought_to_the_rate_alone(quantity: int) -> None:
-    motion, asked = recorder(quantity)
-    chip = Chip(motion=motion, is_recorded=True)
-    chip.run(quantity)
-    now = chip.sample(quantity)
-    half = round(0.5e9 / HZ[4])
-    assert asked == [(now - half, now + half)]
 
 
 def test_the_gyroscope_needs_its_turn_on_time_and_some_samples() -> None:

@@ -23,7 +23,7 @@ from sim.chips.lsm6dsox_desk import (
     Chip,
     every_sensor,
 )
-from sim.chips.sensor_desk import GRAVITY, MS
+from sim.chips.sensor_desk import MS
 
 
 @every_sensor
@@ -57,87 +57,6 @@ def test_temperature_comes_52_times_a_second(chip: Chip) -> None:
         seen += chip.read(0x1E) >> 2 & 1
         chip.get(IMU, 0x20, 2)
     assert seen == pytest.approx(52, abs=1)  # DS table 5
-
-
-@every_sensor
-def test_without_bdu_a_word_can_be_torn(chip: Chip, quantity: int) -> None:
-    out = PLACES[quantity][0]
-    chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3))
-    chip.run(quantity, bdu=False)
-    chip.settle(quantity)
-    low = chip.get(IMU, out)
-    chip.hold(gyr=(0, 0, 0), acc=(0, 0, 0))
-    chip.sample(quantity)
-    assert low != [0]
-    assert chip.get(IMU, out + 1) == [0]
-
-
-@every_sensor
-def test_without_bdu_a_burst_across_an_update_is_torn(
-    chip: Chip, quantity: int
-) -> None:
-    chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3))
-    chip.run(quantity, bdu=False)
-    chip.settle(quantity)
-    before = chip.counts(quantity)[0]
-    chip.start(IMU, is_read=False)
-    chip.send(PLACES[quantity][0])
-    chip.start(IMU, is_read=True)
-    data = [chip.receive()]
-    chip.hold(gyr=(0, 0, 0), acc=(0, 0, 0))
-    chip.sample(quantity)
-    data += [chip.receive(ack=i < 4) for i in range(5)]
-    chip.stop()
-    assert data == [before & 0xFF, 0, 0, 0, 0, 0]
-
-
-@every_sensor
-def test_bdu_holds_a_word_until_both_halves_are_read(chip: Chip, quantity: int) -> None:
-    out = PLACES[quantity][0]
-    chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3))
-    chip.run(quantity)
-    chip.settle(quantity)
-    before = chip.counts(quantity)
-    chip.sample(quantity)
-    low = chip.get(IMU, out)
-    chip.hold(gyr=(0, 0, 0), acc=(0, 0, 0))
-    chip.sample(quantity)
-    word = bytes(low + chip.get(IMU, out + 1))
-    assert int.from_bytes(word, "little", signed=True) == before[0]
-    # Then the sample that came meanwhile shows, and is flagged as new.
-    assert chip.has_new(quantity)
-    assert chip.counts(quantity) == [0, 0, 0]
-
-
-def test_bdu_does_not_hold_the_words_together(chip: Chip) -> None:
-    chip.hold(acc=(3, 3, 3))
-    chip.run(ACC)
-    chip.settle(ACC)
-    old = round(3 / GRAVITY * 1000 / 0.061)
-    chip.start(IMU, is_read=False)
-    chip.send(0x28)
-    chip.start(IMU, is_read=True)
-    data = [chip.receive() for _ in range(3)]
-    chip.hold(acc=(0, 0, 0))
-    chip.sample(ACC)  # X and half of Y have been read
-    data += [chip.receive(ack=i < 2) for i in range(3)]
-    chip.stop()
-    words = [
-        int.from_bytes(bytes(data[i : i + 2]), "little", signed=True) for i in (0, 2, 4)
-    ]
-    assert words == [old, old, 0]  # AN 4.4: X and Y from T1, Z from T2
-
-
-@every_sensor
-def test_bdu_off_lets_go(chip: Chip, quantity: int) -> None:
-    chip.run(quantity)
-    chip.settle(quantity)
-    chip.get(IMU, PLACES[quantity][0])
-    chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3))
-    chip.sample(quantity)
-    chip.write(0x12, 0x04)
-    x, y, _ = chip.counts(quantity)
-    assert x == y
 
 
 @pytest.mark.parametrize(("pin", "reg"), [(INT1, 0x0D), (INT2, 0x0E)])

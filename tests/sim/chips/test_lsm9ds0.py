@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The model of the LSM9DS0 against the manufacturer's documents: registers.
+"""The model of the LSM9DS0 against the manufacturer's documents: the dies,
+resets, self-test and faults.
 
 Numbers are typed from the data sheet, DocID024763 rev 2 (DS; registers by their names
 there) and from AN4505, not taken from the model.
@@ -7,25 +8,12 @@ there) and from AN4505, not taken from the model.
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from sim.chips.lsm9ds0_desk import ACC, GYR, INT1, ON, XM, Chip, G, lib
+from sim.chips.lsm9ds0_desk import ACC, GYR, INT1, INT2, MAG, XM, Chip, G
 from sim.chips.sensor_desk import MS
-
-
-def test_reset_values_are_those_of_the_register_map(chip: Chip) -> None:
-    expected = [0] * 128
-    expected[0x0F] = 0xD4  # DS WHO_AM_I_G
-    expected[0x20] = 0x07  # DS CTRL_REG1_G
-    expected[0x2F] = 0x20  # DS 4.3: in bypass mode the FIFO remains empty
-    assert chip.get(G, ON | 0, 128) == expected
-    expected[0x0F] = 0x49  # DS WHO_AM_I_XM
-    expected[0x12] = 0xE8
-    expected[0x20] = 0x07
-    expected[0x24] = 0x18  # DS CTRL_REG5_XM: M_ODR 110
-    expected[0x25] = 0x20  # DS CTRL_REG6_XM: 4 gauss
-    expected[0x26] = 0x02  # DS CTRL_REG7_XM: power-down
-    assert chip.get(XM, ON | 0, 128) == expected
 
 
 def test_the_polarity_at_reset_can_be_the_other_one() -> None:
@@ -34,116 +22,13 @@ def test_the_polarity_at_reset_can_be_the_other_one() -> None:
     assert chip.is_high(INT1)  # active low and not asserted
 
 
-@pytest.mark.parametrize(
-    ("config", "g", "xm"),
-    # DS 6.1: 110101x and 0011110 or 0011101
-    [((False, False), 0x6A, 0x1E), ((True, True), 0x6B, 0x1D)],
-)
-def test_the_sa0_pins_choose_the_addresses(
-    config: tuple[bool, bool], g: int, xm: int
-) -> None:
-    chip = Chip(sa0_g=config[0], sa0_xm=config[1])
-    answering = [a for a in range(128) if chip.try_get(a, 0x0F) == 0]
-    assert answering == sorted([g, xm])
-    assert chip.get(g, 0x0F) == [0xD4]
-    assert chip.get(xm, 0x0F) == [0x49]
-
-
-def test_nothing_answers_until_the_boot_procedure_is_over() -> None:
-    chip = Chip(startup_ns=lib.lsm9ds0_chip_defaults().startup_ns)
-    assert chip.try_get(G, 0x0F) == chip.try_get(XM, 0x0F) == -1
-    chip.wait(10)  # AN4505: about 10 ms
-    assert chip.get(G, 0x0F) == [0xD4]
-    assert chip.get(XM, 0x0F) == [0x49]
-
-
-@pytest.mark.parametrize("address", [G, XM])
-def test_bit_7_of_the_sub_address_makes_it_move_on(chip: Chip, address: int) -> None:
-    assert chip.get(address, 0x20, 3) == [0x07, 0x07, 0x07]  # DS 6.1
-    after = chip.get(address, ON | 0x20, 3)
-    assert after == [0x07, 0x00, 0x00]
-    chip.put(address, ON | 0x20, 0x03, 0x10)
-    assert chip.get(address, ON | 0x20, 2) == [0x03, 0x10]
-    chip.put(address, 0x20, 0x00, 0x05)  # without ON both go to the same register
-    assert chip.get(address, ON | 0x20, 2) == [0x05, 0x10]
-
-
 def test_the_dies_have_registers_of_their_own(chip: Chip) -> None:
     chip.put(G, 0x21, 0x2A)
     chip.put(XM, 0x21, 0xD8)
     assert chip.get(G, 0x21) == [0x2A]
     assert chip.get(XM, 0x21) == [0xD8]
-    assert chip.call("peek_g", 0x21) == 0x2A
-    assert chip.call("peek_xm", 0x21) == 0xD8
-
-
-WRITABLE = {
-    G: {*range(0x20, 0x26), 0x2E, 0x30, *range(0x32, 0x39)},
-    XM: {0x12, *range(0x14, 0x27), 0x2E, 0x30, *range(0x32, 0x35)}
-    | {0x36, 0x37, 0x38, *range(0x3A, 0x40)},
-}
-
-
-@pytest.mark.parametrize("address", [G, XM])
-def test_reserved_and_read_only_registers_stay_and_complain(address: int) -> None:
-    for reg in range(128):
-        chip = Chip()
-        before = chip.get(address, reg)
-        chip.put(address, reg, before[0])
-        has_complained = chip.complaint() is not None
-        assert has_complained is (reg not in WRITABLE[address]), hex(reg)
-        assert chip.get(address, reg) == before
-
-
-@pytest.mark.parametrize(
-    ("address", "reg", "value", "kept"),
-    [
-        (G, 0x21, 0x40, 0x00),  # DS CTRL_REG2_G: bits that must not be changed
-        (G, 0x23, 0x08, 0x00),
-        (G, 0x24, 0x20, 0x00),
-        (XM, 0x1F, 0x08, 0x00),
-        (XM, 0x25, 0x21, 0x20),
-        (XM, 0x25, 0xA0, 0x20),
-        (XM, 0x26, 0x0A, 0x02),
-        (XM, 0x26, 0x12, 0x02),
-    ],
-)
-def test_reserved_bits_stay_and_complain(
-    address: int, reg: int, value: int, kept: int
-) -> None:
-    chip = Chip()
-    chip.put(address, reg, value)
-    assert "reserved" in str(chip.complaint())
-    assert chip.get(address, reg) == [kept]
-
-
-@pytest.mark.parametrize(
-    ("address", "reg", "value"),
-    [
-        (G, 0x22, 0x80),  # interrupts on INT_G
-        (G, 0x22, 0x04),  # FIFO watermark on DRDY_G
-        (G, 0x23, 0x01),  # 3-wire SPI
-        (G, 0x24, 0x40),  # FIFO
-        (G, 0x24, 0x10),  # high-pass filter
-        (G, 0x24, 0x01),  # high-pass filtered data
-        (G, 0x2E, 0x40),  # stream mode
-        (G, 0x30, 0x20),
-        (XM, 0x12, 0xE9),  # magnetic interrupt
-        (XM, 0x16, 0x01),  # magnetic offset
-        (XM, 0x1F, 0x40),
-        (XM, 0x22, 0x20),
-        (XM, 0x23, 0x01),
-        (XM, 0x26, 0x22),  # AFDS: filtered acceleration
-        (XM, 0x2E, 0x20),
-        (XM, 0x30, 0x01),
-        (XM, 0x38, 0x01),
-        (XM, 0x3E, 0x01),
-    ],
-)
-def test_what_is_not_modelled_complains(address: int, reg: int, value: int) -> None:
-    chip = Chip()
-    chip.put(address, reg, value)
-    assert "not modelled" in str(chip.complaint())
+    assert chip.peek(0x21) == 0x2A
+    assert chip.peek(0x21, die=2) == 0xD8
 
 
 @pytest.mark.parametrize(
@@ -198,3 +83,124 @@ def test_a_reboot_clears_its_bit_and_keeps_the_registers() -> None:
     chip.put(XM, 0x1F, 0x80)
     chip.put(XM, 0x20, 0x07)
     assert "reboot" in str(chip.complaint())
+
+
+@pytest.mark.parametrize(
+    ("fs", "low", "high"),
+    [(0, 20, 250), (1, 70, 400), (2, 150, 1000)],  # DS table 3
+)
+@pytest.mark.parametrize(
+    ("st", "signs"),
+    [(1, [1, -1, -1]), (3, [-1, 1, 1])],  # DS CTRL_REG4_G
+)
+def test_a_good_gyroscope_passes_its_self_test(
+    chip: Chip, fs: int, low: float, high: float, st: int, signs: list[int]
+) -> None:
+    mdps = (8.75, 17.50, 70.0)[fs]
+    chip.hold(gyr=(0.1, 0.1, -0.1))
+    chip.run_gyro(ctrl4=0x80 | (fs << 4))
+    chip.sample(GYR)
+    off = chip.counts(GYR)
+    chip.put(G, 0x23, 0x80 | (fs << 4) | (st << 1))
+    chip.sample(GYR)
+    on = chip.counts(GYR)
+    dps = [(b - a) * mdps / 1000 for a, b in zip(off, on, strict=True)]
+    assert [math.copysign(1, v) for v in dps] == signs
+    assert all(low <= abs(v) <= high for v in dps)
+
+
+@pytest.mark.parametrize(("ast", "sign"), [(1, 1), (2, -1)])  # DS CTRL_REG2_XM
+@pytest.mark.parametrize(("afs", "mg"), [(0, 0.061), (3, 0.244)])
+def test_a_good_accelerometer_passes_its_self_test(
+    chip: Chip, ast: int, sign: int, afs: int, mg: float
+) -> None:
+    chip.run_accel(ctrl2=afs << 3)
+    chip.sample(ACC)
+    off = chip.counts(ACC)
+    chip.put(XM, 0x21, (afs << 3) | (ast << 1))
+    chip.sample(ACC)
+    on = chip.counts(ACC)
+    responses = [sign * (b - a) * mg for a, b in zip(off, on, strict=True)]
+    assert all(60 <= response <= 1700 for response in responses)  # DS table 3
+
+
+@pytest.mark.parametrize("kind", ["GYR_SELF_TEST", "ACC_SELF_TEST"])
+def test_a_broken_sensor_fails_its_self_test(chip: Chip, kind: str) -> None:
+    chip.hold(acc=(0, 0, 0))
+    chip.fault(kind)
+    chip.run_gyro(ctrl4=0x82)
+    chip.run_accel(ctrl2=0x02)
+    chip.sample(ACC)
+    chip.sample(GYR)
+    gyr_dps = [abs(c) * 0.00875 for c in chip.counts(GYR)]
+    acc_mg = [c * 0.061 for c in chip.counts(ACC)]
+    assert (max(gyr_dps) < 20) is (kind == "GYR_SELF_TEST")
+    assert (max(acc_mg) < 60) is (kind == "ACC_SELF_TEST")
+
+
+def test_a_nack_lasts_for_its_span_and_is_of_its_die(chip: Chip) -> None:
+    chip.fault("NACK", "G", from_ns=10 * MS, for_ns=10 * MS)
+    assert chip.try_get(G, 0x0F) == 0
+    chip.wait(11)
+    assert chip.try_get(G, 0x0F) == -1
+    assert chip.try_get(XM, 0x0F) == 0
+    chip.wait(9)
+    assert chip.try_get(G, 0x0F) == 0
+
+
+@pytest.mark.parametrize(
+    ("die", "goes_on"), [("BOTH", [0, 0]), ("G", [0, 40]), ("XM", [38, 0])]
+)
+def test_data_ready_can_stop(chip: Chip, die: str, goes_on: list[int]) -> None:
+    chip.run_gyro()
+    chip.run_accel()
+    chip.wait(100)
+    chip.fault("NO_DATA_READY", die, from_ns=chip.now[0], for_ns=100 * MS)
+    before = [chip.samples(q) for q in (GYR, ACC)]
+    chip.wait(99.9)
+    middle = [chip.samples(q) for q in (GYR, ACC)]
+    taken = [b - a for a, b in zip(before, middle, strict=True)]
+    assert taken == pytest.approx(goes_on, abs=1)
+    chip.wait(100)
+    after = [chip.samples(q) for q in (GYR, ACC)]
+    assert min(b - a for a, b in zip(middle, after, strict=True)) >= 37
+
+
+@pytest.mark.parametrize(
+    ("die", "expected"),
+    [("BOTH", [0x68, 0x68]), ("G", [0x68, 0x49]), ("XM", [0xD4, 0x68])],
+)
+def test_who_am_i_can_be_wrong_in_either_half(
+    chip: Chip, die: str, expected: list[int]
+) -> None:
+    chip.fault("WRONG_WHO_AM_I", die, value=0x68)
+    assert chip.get(G, 0x0F) + chip.get(XM, 0x0F) == expected
+
+
+def test_a_dead_magnetometer_leaves_the_accelerometer(chip: Chip) -> None:
+    chip.fault("NO_MAG")
+    chip.run_accel()
+    chip.run_mag()
+    chip.wait(1000)
+    assert chip.status(MAG) == 0x00
+    assert chip.counts(MAG) == [0, 0, 0]
+    assert not chip.is_high(INT2)
+    assert chip.is_high(INT1)
+
+
+def test_outputs_can_freeze_while_data_ready_goes_on(chip: Chip) -> None:
+    chip.run_gyro()
+    chip.run_accel()
+    chip.sample(GYR)
+    chip.sample(ACC)
+    frozen = chip.counts(GYR)
+    chip.fault("FROZEN", "G")
+    chip.hold(gyr=(1, 2, 3), acc=(4, 5, 6))
+    chip.sample(ACC)
+    chip.sample(GYR)
+    assert chip.status(GYR) & 0x0F == 0x0F
+    assert chip.counts(GYR) == frozen
+    assert 0 not in chip.counts(ACC)
+    chip.clear_faults()
+    chip.sample(GYR)
+    assert chip.counts(GYR) != frozen

@@ -51,12 +51,6 @@ def test_mlp_slows_the_magnetometer_to_3_hz(chip: Chip) -> None:
     assert second - first == 320 * MS
 
 
-def test_all_is_off_after_power_up(chip: Chip) -> None:
-    assert chip.next_event() == 2**64 - 1
-    chip.wait(1000)
-    assert [chip.status(q) for q in (GYR, ACC, MAG)] == [0, 0, 0]
-
-
 def test_power_down_and_sleep_stop_a_sensor(chip: Chip) -> None:
     chip.run_gyro()
     chip.run_accel()
@@ -92,15 +86,6 @@ def test_the_dies_drift_apart_by_their_clocks() -> None:
     chip.wait(100_000)
     taken = [chip.samples(q) - s for q, s in zip((GYR, ACC, MAG), start, strict=True)]
     assert taken == pytest.approx([38_038, 39_980, 9_995], abs=1)
-
-
-@pytest.mark.parametrize("ppm", [-10_000.0, 250.0, 10_000.0])
-def test_a_rate_error_adds_up_without_drift(ppm: float) -> None:
-    chip = Chip(g_rate_error_ppm=ppm)
-    chip.run_gyro(ctrl1=0xFF)
-    times = chip.times(GYR, 15_201)
-    period = (times[-1] - times[0]) / 15_200
-    assert period == pytest.approx(1e9 / 760 / (1 + ppm * 1e-6), abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -213,16 +198,6 @@ def test_the_accelerometer_has_an_anti_alias_filter(abw: int, hz: float) -> None
     chip.run_accel(ctrl2=abw << 6)
     now = chip.sample(ACC)
     assert asked == [(now - round(0.443e9 / hz), now)]
-
-
-@pytest.mark.parametrize(("quantity", "hz"), [(GYR, 380), (ACC, 400)])
-def test_recorded_motion_is_brought_to_the_rate_alone(quantity: int, hz: float) -> None:
-    motion, asked = recorder(quantity)
-    chip = Chip(motion=motion, is_recorded=True)
-    chip.run(quantity)
-    now = chip.sample(quantity)
-    half = round(0.5e9 / hz)
-    assert asked == [(now - half, now + half)]
 
 
 def test_the_field_is_that_of_the_instant() -> None:

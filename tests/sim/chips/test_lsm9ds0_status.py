@@ -26,7 +26,6 @@ from sim.chips.lsm9ds0_desk import (
     G,
     every_sensor,
 )
-from sim.chips.sensor_desk import GRAVITY
 
 
 @every_sensor
@@ -56,58 +55,6 @@ def test_a_sample_unread_is_overrun(chip: Chip, quantity: int) -> None:
     assert chip.status(quantity) == 0x00
 
 
-@every_sensor
-def test_without_bdu_a_word_can_be_torn(chip: Chip, quantity: int) -> None:
-    address, _, out = PLACES[quantity]
-    chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3), mag=(30, 30, 30))
-    chip.run(quantity, bdu=False)
-    chip.sample(quantity)
-    low = chip.get(address, out)
-    chip.hold(gyr=(0, 0, 0), acc=(0, 0, 0), mag=(0, 0, 0))
-    chip.sample(quantity)
-    assert low != [0]
-    assert chip.get(address, out + 1) == [0]
-
-
-@every_sensor
-def test_bdu_holds_an_axis_until_both_halves_are_read(
-    chip: Chip, quantity: int
-) -> None:
-    address, _, out = PLACES[quantity]
-    chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3), mag=(30, 30, 30))
-    chip.run(quantity)
-    chip.sample(quantity)
-    before = chip.counts(quantity)
-    chip.sample(quantity)
-    low = chip.get(address, out)
-    chip.hold(gyr=(0, 0, 0), acc=(0, 0, 0), mag=(0, 0, 0))
-    chip.sample(quantity)
-    word = bytes(low + chip.get(address, out + 1))
-    assert int.from_bytes(word, "little", signed=True) == before[0]
-    # Then the sample that came meanwhile shows, and is flagged as new.
-    assert chip.status(quantity) & 0x09 == 0x09
-    assert chip.counts(quantity) == [0, 0, 0]
-
-
-def test_bdu_does_not_hold_the_axes_together(chip: Chip) -> None:
-    chip.hold(acc=(3, 3, 3))
-    chip.run_accel()
-    chip.sample(ACC)
-    old = round(3 / GRAVITY * 1000 / 0.732)
-    chip.start(XM, is_read=False)
-    chip.send(ON | 0x28)
-    chip.start(XM, is_read=True)
-    data = [chip.receive() for _ in range(3)]
-    chip.hold(acc=(0, 0, 0))
-    chip.sample(ACC)  # X and half of Y have been read
-    data += [chip.receive(ack=i < 2) for i in range(3)]
-    chip.stop()
-    words = [
-        int.from_bytes(bytes(data[i : i + 2]), "little", signed=True) for i in (0, 2, 4)
-    ]
-    assert words == [old, old, 0]
-
-
 def test_two_samples_behind_a_held_axis_are_an_overrun(chip: Chip) -> None:
     chip.run_gyro()
     chip.sample(GYR)
@@ -116,19 +63,6 @@ def test_two_samples_behind_a_held_axis_are_an_overrun(chip: Chip) -> None:
     assert chip.status(GYR) & 0x90 == 0x00
     chip.sample(GYR)
     assert chip.status(GYR) & 0x10 == 0x10
-
-
-@every_sensor
-def test_bdu_off_lets_go(chip: Chip, quantity: int) -> None:
-    address, _, out = PLACES[quantity]
-    chip.run(quantity)
-    chip.sample(quantity)
-    chip.get(address, out)
-    chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3), mag=(30, 30, 30))
-    chip.sample(quantity)
-    chip.put(*{G: (G, 0x23, 0x20), XM: (XM, 0x20, 0x87)}[address])
-    x, y, _ = chip.counts(quantity)
-    assert x == y
 
 
 def test_disabled_axes_are_not_updated(chip: Chip) -> None:

@@ -87,9 +87,9 @@ def test_data_ready_comes_at_the_rate_of_the_registers(
     chip.write(27, fchoice_b)
     chip.sample(divider, dlpf)
     chip.write(55, 0x00)
-    before = chip.call("samples")
+    before = chip.call("samples", lib.CHIP_GYR)
     chip.wait(2048)
-    count = chip.call("samples") - before
+    count = chip.call("samples", lib.CHIP_GYR) - before
     assert abs(count - 2.048 * hz) <= 1
 
 

@@ -15,8 +15,7 @@ enum { NS_PER_US = 1000 };
 
 struct chip {
     mp_obj_base_t base;
-    struct mpu9250_chip *mpu9250;  // one of the two
-    struct lsm9ds0_chip *lsm9ds0;
+    struct sensor_chip *sensor;
 };
 
 static uint64_t now_ns;
@@ -27,8 +26,7 @@ bool chips_time_us(uint64_t *us) {
 }
 
 static struct i2c_slave *wire_of(const struct chip *self) {
-    return self->mpu9250 != NULL ? mpu9250_chip_wire(self->mpu9250)
-                                 : lsm9ds0_chip_wire(self->lsm9ds0);
+    return sensor_chip_wire(self->sensor);
 }
 
 // Chip(name): "mpu9250" or "lsm9ds0".
@@ -36,14 +34,12 @@ static mp_obj_t make_new(const mp_obj_type_t *type, size_t n_args, size_t n_kw,
                          const mp_obj_t *args) {
     mp_arg_check_num(n_args, n_kw, 1, 1, false);
     struct chip *self = mp_obj_malloc(struct chip, type);
-    self->mpu9250 = NULL;
-    self->lsm9ds0 = NULL;
     if (strcmp(mp_obj_str_get_str(args[0]), "mpu9250") == 0) {
         const struct mpu9250_chip_config config = mpu9250_chip_defaults();
-        self->mpu9250 = mpu9250_chip_new(&config);
+        self->sensor = mpu9250_chip_new(&config);
     } else {
         const struct lsm9ds0_chip_config config = lsm9ds0_chip_defaults();
-        self->lsm9ds0 = lsm9ds0_chip_new(&config);
+        self->sensor = lsm9ds0_chip_new(&config);
     }
     now_ns = now_ns > 0 ? now_ns : NS_PER_US;
     return MP_OBJ_FROM_PTR(self);
@@ -67,11 +63,7 @@ static mp_obj_t hold(size_t n_args, const mp_obj_t *args) {
     take_three(args[1], gyr);
     take_three(args[2], acc);
     take_three(args[3], mag);
-    if (self->mpu9250 != NULL) {
-        mpu9250_chip_hold(self->mpu9250, gyr, acc, mag);
-    } else {
-        lsm9ds0_chip_hold(self->lsm9ds0, gyr, acc, mag);
-    }
+    sensor_chip_hold(self->sensor, gyr, acc, mag);
     return mp_const_none;
 }
 static MP_DEFINE_CONST_FUN_OBJ_VAR_BETWEEN(hold_obj, 4, 4, hold);
@@ -117,21 +109,16 @@ static MP_DEFINE_CONST_FUN_OBJ_VAR_BETWEEN(write_obj, 4, 4, write);
 // value(): the level of its data-ready pin.
 static mp_obj_t value(mp_obj_t object) {
     const struct chip *self = MP_OBJ_TO_PTR(object);
-    if (self->mpu9250 != NULL) {
-        mpu9250_chip_advance(self->mpu9250, now_ns);
-        return mp_obj_new_bool(mpu9250_chip_int_is_high(self->mpu9250));
-    }
-    lsm9ds0_chip_advance(self->lsm9ds0, now_ns);
-    return mp_obj_new_bool(
-        lsm9ds0_chip_pin_is_high(self->lsm9ds0, LSM9DS0_CHIP_DRDY_G));
+    sensor_chip_advance(self->sensor, now_ns);
+    // INT, or DRDY_G.
+    return mp_obj_new_bool(sensor_chip_pin_is_high(self->sensor, 0));
 }
 static MP_DEFINE_CONST_FUN_OBJ_1(value_obj, value);
 
 // complaint(): the first thing done against the data sheet, or None.
 static mp_obj_t complaint(mp_obj_t object) {
     const struct chip *self = MP_OBJ_TO_PTR(object);
-    const char *said = self->mpu9250 != NULL ? mpu9250_chip_complaint(self->mpu9250)
-                                             : lsm9ds0_chip_complaint(self->lsm9ds0);
+    const char *said = sensor_chip_complaint(self->sensor);
     return said == NULL ? mp_const_none : mp_obj_new_str(said, strlen(said));
 }
 static MP_DEFINE_CONST_FUN_OBJ_1(complaint_obj, complaint);
