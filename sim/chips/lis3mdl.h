@@ -9,26 +9,22 @@
 // (LIS3DH) has more about status and data-ready of the same block. "Memory" beside a
 // number: DS, not at hand.
 //
-// The model asks for the field in the board's axes and converts it to its own (axes in
-// the configuration).
+// The model asks for the field in its own axes.
 //
 // Open points of the documents, and the model's choice:
 // - A measurement is the mean over as long as it takes (1 / FAST_ODR's rate), and data
-//   are ready at its end. After power-down, or where settings change, the first one
-//   comes after AN's start-up time, at the earliest.
-// - The rate of FAST_ODR is that of OM, the mode of X and Y, for each OMZ.
-// - From power-up until registers answer: 10 ms; as long as a REBOOT takes, in which
-//   there are no samples and registers stay. SOFT_RST takes soft_reset_ns.
+//   are ready at its end.
+// - From power-up until registers answer: 10 ms. SOFT_RST takes soft_reset_ns.
 // - The flags of an axis go as its high byte is read, ZYXDA and ZYXOR as the last one
 //   was; a sample behind a word that BDU holds shows, and is flagged, once both halves
 //   have been read.
-// - After a single measurement MD reads power-down (11).
 // - Beyond its full scale an output goes on to the ends of 16 bits.
 // - Temperature is measured with the field, in steps of 1/8 degC.
 //
-// Not modelled: noise and offsets, which the motion has (`imud sim --module`);
-// FAST_READ, interrupts by threshold (INT), SPI. Turning one on is reported
-// (sensor_chip_complaint), like a use that the data sheet forbids.
+// Not modelled: noise and offsets, which the motion has (`imud sim --module`), and what
+// no firmware here uses: FAST_ODR, low power, single measurements, REBOOT, offset
+// registers, big-endian data, FAST_READ, interrupts by threshold (INT), SPI. Turning
+// one on is reported (sensor_chip_complaint), like a use that the data sheet forbids.
 #ifndef SIM_CHIPS_LIS3MDL_H
 #define SIM_CHIPS_LIS3MDL_H
 
@@ -38,18 +34,14 @@
 #include "sensor_chip.h"
 
 struct lis3mdl_chip_config {
-    struct sensor_chip_config sensor;  // startup_ns is of a REBOOT too
-    double rate_error_ppm;             // of its clock; positive is fast
-    double temperature_error_c;
+    struct sensor_chip_config sensor;
+    double rate_error_ppm;   // of its clock; positive is fast
     uint64_t soft_reset_ns;  // how long SOFT_RST takes
     uint8_t who_am_i;        // 0x3D
-    uint8_t int_cfg;         // INT_CFG at reset
     bool sa1;                // level of the pin: address 0x1C or 0x1E
-    int8_t axes[3];  // its x, y, z: 1, 2, 3 for the board's x, y, z, or negative
-    double self_test_ut[3];  // response of each of its axes
 };
 
-// A plain LIS3MDL: no rate error, 25 degC, SA1 low, axes as the board's.
+// A plain LIS3MDL: no rate error, 25 degC, SA1 low.
 struct lis3mdl_chip_config lis3mdl_chip_defaults(void);
 
 // A chip whose power comes at time 0; its pin is DRDY. Null where memory is out. The

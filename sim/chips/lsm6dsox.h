@@ -14,8 +14,8 @@
 // The model asks for motion in its own axes.
 //
 // Open points of the documents, and the model's choice:
-// - Its one clock has an error that may change with temperature; no document says by
-//   how much (rate_error_ppm, rate_ppm_per_c). INTERNAL_FREQ_FINE shows the former.
+// - Its one clock has an error; no document says how large (rate_error_ppm).
+//   INTERNAL_FREQ_FINE shows it.
 // - Samples of both sensors fall on one grid: at one rate, at one time. The first one
 //   comes a whole period or more after a sensor is turned on.
 // - A low-pass is a moving average of the documented bandwidth, centred on the
@@ -30,10 +30,12 @@
 //   (LX: st_lsm6dsx_reset_device(); DS table 19 says so of power-on). INT1 is high
 //   where the chip itself holds it high.
 //
-// Not modelled: noise and offsets, which the motion has (`imud sim --module`); FIFO,
-// timestamps, high-pass filters, circular bursts, events, sensor hub, embedded
-// functions, ultra-low power, DEN, the auxiliary interface, SPI, I3C. Turning one on is
-// reported (sensor_chip_complaint), like a use that the data sheet forbids.
+// Not modelled: noise and offsets, which the motion has (`imud sim --module`), and what
+// no firmware here uses: INT2, the gyroscope's LPF1 and the accelerometer's LPF2, low
+// power, sleep, user offsets, reboot, FIFO, timestamps, high-pass filters, circular
+// bursts, events, sensor hub, embedded functions, DEN, the auxiliary interface, SPI,
+// I3C. Turning one on is reported (sensor_chip_complaint), like a use that the data
+// sheet forbids.
 #ifndef SIM_CHIPS_LSM6DSOX_H
 #define SIM_CHIPS_LSM6DSOX_H
 
@@ -42,31 +44,20 @@
 
 #include "sensor_chip.h"
 
-enum lsm6dsox_chip_pin { LSM6DSOX_CHIP_INT1, LSM6DSOX_CHIP_INT2 };
-
-enum { LSM6DSOX_CHIP_RANGES = 6 };  // of the gyroscope: 125 to 4000 deg/s
-
 struct lsm6dsox_chip_config {
     struct sensor_chip_config sensor;
-    double rate_error_ppm;       // of its clock at 25 degC; positive is fast
-    double rate_ppm_per_c;       // how that changes as it warms up
-    double temperature_error_c;  // DS table 5: -15 to 15
-    uint64_t reset_ns;           // how long SW_RESET takes
-    uint64_t boot_ns;            // how long BOOT takes
-    uint64_t gyr_turn_on_ns;     // from power-down until readings are good
-    uint8_t who_am_i;            // 0x6C; 0x6B is an ISM330DHCX
-    bool has_4000_dps;           // ISM330DHCX
-    bool sa0;                    // level of the pin: address 0x6A or 0x6B
-    double gyr_self_test_dps[LSM6DSOX_CHIP_RANGES];  // response in each range
-    double acc_self_test_mg[3];                      // response of each axis
+    double rate_error_ppm;    // of its clock; positive is fast
+    uint64_t reset_ns;        // how long SW_RESET takes
+    uint64_t gyr_turn_on_ns;  // from power-down until readings are good
+    uint8_t who_am_i;         // 0x6C; 0x6B is an ISM330DHCX
+    bool sa0;                 // level of the pin: address 0x6A or 0x6B
 };
 
 // A plain LSM6DSOX, which an LSM6DSO equals here: no errors, 25 degC, SA0 low.
 struct lsm6dsox_chip_config lsm6dsox_chip_defaults(void);
-// A plain ISM330DHCX.
-struct lsm6dsox_chip_config lsm6dsox_chip_ism330dhcx(void);
 
-// A chip whose power comes at time 0. Null where memory is out. Its die is number 1.
+// A chip whose power comes at time 0; its pin is INT1. Null where memory is out. Its
+// die is number 1.
 struct sensor_chip *lsm6dsox_chip_new(const struct lsm6dsox_chip_config *config);
 
 #endif

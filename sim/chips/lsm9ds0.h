@@ -23,7 +23,6 @@
 //   a guess, rather too long than too short.
 // - A reboot lasts as long as start-up, brings no samples, and keeps the user's
 //   registers.
-// - After a single magnetic measurement MD reads power-down (10).
 // - Beyond its full scale an output goes on to the ends of 16 bits.
 // - Temperature reads zero at 25 degC and is measured with the magnetic field (DS table
 //   4: its rate is M_ODR).
@@ -34,10 +33,11 @@
 //   0. int_ctrl_reg_m in the configuration sets it.
 // - The bandwidth that BW sets holds with LPF2 (Out_Sel) and without.
 //
-// Not modelled: noise (so M_RES changes nothing), FIFO modes other than bypass,
-// high-pass filters, interrupt generators, clicks, activity, INT_G, magnetic offsets,
-// SPI. Turning one on is reported (sensor_chip_complaint), as is what the data sheet
-// forbids.
+// Not modelled: noise (so M_RES changes nothing), and what no firmware here uses:
+// single measurements, low power of the magnetometer, big-endian data, FIFO modes other
+// than bypass, high-pass filters, interrupt generators, clicks, activity, INT_G,
+// magnetic offsets, SPI. Turning one on is reported (sensor_chip_complaint), as is what
+// the data sheet forbids.
 #ifndef SIM_CHIPS_LSM9DS0_H
 #define SIM_CHIPS_LSM9DS0_H
 

@@ -11,8 +11,10 @@
 // right, y up the page, z out of the package) and converts it to the axes of the AK8963
 // (PS 9.1: its x is our y, its y our x, its z our -z).
 //
-// Not modelled: FIFO, DMP, wake on motion, low-power cycling, FSYNC, SPI. Writing to
-// their registers is reported (sensor_chip_complaint).
+// Not modelled, because no firmware here uses it: FIFO, DMP, wake on motion, low-power
+// cycling, FSYNC, SPI, offset registers; of its own I2C master all but reads by slave 0
+// and single bytes by slave 4; of the AK8963 14 bits, 8 Hz and single measurements.
+// Writing to their registers is reported (sensor_chip_complaint).
 #ifndef SIM_CHIPS_MPU9250_H
 #define SIM_CHIPS_MPU9250_H
 

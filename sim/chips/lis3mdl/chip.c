@@ -1,21 +1,18 @@
 // SPDX-License-Identifier: MIT
-// The model of the LIS3MDL: its sample clock, the counts that field, self-test, offset
-// registers and temperature make, its registers and its life. See ../lis3mdl.h for the
+// The model of the LIS3MDL: its sample clock, the counts that field, self-test and
+// temperature make, its registers and its life. See ../lis3mdl.h for the
 // documents that DS, AN, AD and LX stand for.
 #include "../lis3mdl.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "../sensor/st.h"
 
 enum { DIE = 1 };
 
-// DS table 16; AN for the offsets.
+// DS table 16.
 enum {
-    REG_OFFSET_X_L = 0x05,
-    REG_OFFSET_Z_H = 0x0A,
     REG_WHO_AM_I = 0x0F,
     REG_CTRL1 = 0x20,
     REG_CTRL2 = 0x21,
@@ -28,8 +25,6 @@ enum {
     REG_TEMP_OUT_L = 0x2E,
     REG_TEMP_OUT_H = 0x2F,
     REG_INT_CFG = 0x30,
-    REG_INT_THS_L = 0x32,
-    REG_INT_THS_H = 0x33,
 };
 
 enum {
@@ -39,23 +34,18 @@ enum {
     OM_MASK = 0x03,
     DO_SHIFT = 2,
     DO_MASK = 0x07,
-    FAST_ODR = 1 << 1,
     ST = 1 << 0,
     // CTRL_REG2
     FS_SHIFT = 5,
     FS_MASK = 0x03,
-    REBOOT = 1 << 3,
     SOFT_RST = 1 << 2,
     // CTRL_REG3
-    LP = 1 << 5,
     MD_MASK = 0x03,
     MD_CONTINUOUS = 0,
     MD_SINGLE = 1,
     MD_POWER_DOWN = 3,
     // CTRL_REG4, CTRL_REG5
-    BLE = 1 << 1,
     BDU = 1 << 6,
-    INT_CFG_ONE = 1 << 3,  // must be 1
 };
 
 struct lis3mdl_chip {
@@ -73,37 +63,18 @@ struct lis3mdl_chip {
 
 #define UT_PER_GAUSS 100.0
 
-// DS table 20: with FAST_ODR, by OM: low power to ultra-high performance. A measurement
-// takes as long.
-static const double fast_hz[4] = {1000.0, 560.0, 300.0, 155.0};
-
-static int mode_of(const struct lis3mdl_chip *chip) {
-    const bool is_low = (chip->die.reg[REG_CTRL3] & LP) != 0;
-    return is_low ? 0 : (chip->die.reg[REG_CTRL1] >> OM_SHIFT) & OM_MASK;
-}
-
-// Samples a second by its own clock.
-static double rate_hz(const struct lis3mdl_chip *chip) {
-    const uint8_t ctrl1 = chip->die.reg[REG_CTRL1];
-    if (chip->die.reg[REG_CTRL3] & LP) {
-        return 0.625;  // DS CTRL_REG3: LP, memory
-    }
-    if (ctrl1 & FAST_ODR) {
-        return fast_hz[mode_of(chip)];
-    }
-    return ldexp(0.625, (ctrl1 >> DO_SHIFT) & DO_MASK);  // AD: 0.625 Hz at 0 to 80 at 7
-}
-
 static double clock_factor(const struct lis3mdl_chip *chip) {
     return 1.0 + chip->config.rate_error_ppm * 1e-6;
 }
 
 static double period_ns(const struct lis3mdl_chip *chip) {
-    return 1e9 / (rate_hz(chip) * clock_factor(chip));
+    // AD: 0.625 Hz at 0 to 80 at 7.
+    const int code = (chip->die.reg[REG_CTRL1] >> DO_SHIFT) & DO_MASK;
+    return 1e9 / (ldexp(0.625, code) * clock_factor(chip));
 }
 
 static bool is_on(const struct lis3mdl_chip *chip) {
-    return (chip->die.reg[REG_CTRL3] & MD_MASK) <= MD_SINGLE &&
+    return (chip->die.reg[REG_CTRL3] & MD_MASK) == MD_CONTINUOUS &&
            chip->die.wait_end == NEVER;
 }
 
@@ -113,31 +84,12 @@ static void set_next_tick(struct lis3mdl_chip *chip) {
 }
 
 static void restart_clock(struct lis3mdl_chip *chip) {
-    static const double turn_on_us[4] = {1200.0, 1910.0, 3480.0, 6650.0};  // AN table 8
-    const double turn_on_ns = 1e3 * turn_on_us[mode_of(chip)] / clock_factor(chip);
-    const double period = period_ns(chip);
-    const bool is_single = (chip->die.reg[REG_CTRL3] & MD_MASK) == MD_SINGLE;
     chip->epoch_ns = chip->base.wire.now_ns;
     chip->tick = 1;
     set_next_tick(chip);
-    if (chip->tick_ns != NEVER && (is_single || turn_on_ns > period)) {
-        chip->tick_ns = chip->base.wire.now_ns + (uint64_t)llround(turn_on_ns);
-        // Then period after period.
-        if (turn_on_ns > period) {
-            chip->epoch_ns += (uint64_t)llround(turn_on_ns - period);
-        }
-    }
 }
 
 // Counts
-
-static bool is_big_endian(const struct lis3mdl_chip *chip) {
-    return (chip->die.reg[REG_CTRL4] & BLE) != 0;
-}
-
-static int16_t word_at(const uint8_t *at) {
-    return (int16_t)(uint16_t)(at[0] | (at[1] << 8));
-}
 
 static void measure_field(struct lis3mdl_chip *chip) {
     // DS table 3.
@@ -145,31 +97,28 @@ static void measure_field(struct lis3mdl_chip *chip) {
     const uint8_t *reg = chip->die.reg;
     const double scale =
         counts_per_gauss[(reg[REG_CTRL2] >> FS_SHIFT) & FS_MASK] / UT_PER_GAUSS;
-    const double takes_ns = 1e9 / (fast_hz[mode_of(chip)] * clock_factor(chip));
+    // DS table 20: by OM, the rate of FAST_ODR; a measurement takes as long.
+    static const double fast_hz[4] = {1000.0, 560.0, 300.0, 155.0};
+    // Of a good part, AN: 1 to 3 gauss in X and Y, 0.1 to 1 in Z.
+    static const double self_test_ut[AXES] = {200.0, 200.0, 50.0};
+    const int mode = (reg[REG_CTRL1] >> OM_SHIFT) & OM_MASK;
+    const double takes_ns = 1e9 / (fast_hz[mode] * clock_factor(chip));
     const int64_t now = (int64_t)chip->base.wire.now_ns;
     double field_ut[AXES];
     chip_motion_mean(&chip->base.motion, CHIP_MAG, now - (int64_t)llround(takes_ns),
                      now, field_ut);
     for (int axis = 0; axis < AXES; axis++) {
-        const int8_t from = chip->config.axes[axis];
-        const double along_ut = field_ut[abs(from) - 1];
-        double own_ut = from > 0 ? along_ut : -along_ut;
-        if (reg[REG_CTRL1] & ST) {
-            own_ut += chip->config.self_test_ut[axis];
-        }
-        // AN: the output is the measured value less the offset.
-        const int16_t offset = word_at(&reg[REG_OFFSET_X_L + 2 * axis]);
+        const double more_ut = reg[REG_CTRL1] & ST ? self_test_ut[axis] : 0.0;
         chip->words.latest[axis] =
-            chip_motion_to_counts(own_ut * scale - offset, INT16_MAX);
+            chip_motion_to_counts((field_ut[axis] + more_ut) * scale, INT16_MAX);
     }
 }
 
 // AN 6: 8 LSB/degC, 0 at 25 degC.
 static void measure_temperature(struct lis3mdl_chip *chip) {
-    const double warm_c =
-        chip->base.config.temperature_c + chip->config.temperature_error_c - 25.0;
+    const double warm_c = chip->base.config.temperature_c - 25.0;
     st_put(&chip->die.reg[REG_TEMP_OUT_L],
-           chip_motion_to_counts(warm_c * 8.0, INT16_MAX), is_big_endian(chip));
+           chip_motion_to_counts(warm_c * 8.0, INT16_MAX));
 }
 
 static struct st_output output_of(struct lis3mdl_chip *chip) {
@@ -178,7 +127,6 @@ static struct st_output output_of(struct lis3mdl_chip *chip) {
         .status = &chip->die.reg[REG_STATUS],
         .enabled = 0x07,
         .has_bdu = (chip->die.reg[REG_CTRL5] & BDU) != 0,
-        .is_big_endian = is_big_endian(chip),
     };
 }
 
@@ -186,10 +134,6 @@ static void take_sample(struct lis3mdl_chip *chip) {
     const struct st_output output = output_of(chip);
     chip->tick++;
     set_next_tick(chip);
-    if ((chip->die.reg[REG_CTRL3] & MD_MASK) == MD_SINGLE) {
-        chip->die.reg[REG_CTRL3] |= MD_POWER_DOWN;
-        chip->tick_ns = NEVER;
-    }
     if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, DIE)) {
         return;
     }
@@ -205,16 +149,14 @@ static void take_sample(struct lis3mdl_chip *chip) {
 
 // Registers
 
-// DS 7.
+// DS 7; those that any firmware here uses.
 static const struct st_rule rules[] = {
-    {REG_CTRL1, 0x00, 0x00},     {REG_CTRL2, 0x93, 0x00},
-    {REG_CTRL3, 0xD8, 0x04},                               // SPI
-    {REG_CTRL4, 0xF1, 0x00},     {REG_CTRL5, 0x3F, 0x80},  // FAST_READ
-    {REG_INT_CFG, 0x10, 0x01},                             // the interrupt
-    {REG_INT_THS_L, 0x00, 0x00}, {REG_INT_THS_H, 0x80, 0x00},
+    {REG_CTRL1, 0x00, 0x02},  // FAST_ODR
+    {REG_CTRL2, 0x93, 0x08},  // REBOOT
+    {REG_CTRL3, 0xD8, 0x24},  // low power, SPI
+    {REG_CTRL4, 0xF1, 0x02},  // big-endian
+    {REG_CTRL5, 0x3F, 0x80},  // FAST_READ
 };
-
-static const struct st_rule offset_rule = {0, 0x00, 0x00};
 
 static uint8_t read_byte(void *self, uint8_t die) {
     struct lis3mdl_chip *chip = self;
@@ -233,7 +175,6 @@ static uint8_t read_byte(void *self, uint8_t die) {
 static void wrote(struct lis3mdl_chip *chip, uint8_t at, uint8_t old) {
     const uint8_t value = chip->die.reg[at];
     const uint8_t changed = old ^ value;
-    const bool is_single = (chip->die.reg[REG_CTRL3] & MD_MASK) == MD_SINGLE;
     switch (at) {
     case REG_CTRL1:
         if (changed & (uint8_t) ~(TEMP_EN | ST)) {
@@ -241,15 +182,17 @@ static void wrote(struct lis3mdl_chip *chip, uint8_t at, uint8_t old) {
         }
         break;
     case REG_CTRL2:
-        if (value & (SOFT_RST | REBOOT)) {
-            const uint64_t takes_ns = value & SOFT_RST ? chip->config.soft_reset_ns
-                                                       : chip->base.config.startup_ns;
-            chip->die.wait_end = chip->base.wire.now_ns + takes_ns;
+        if (value & SOFT_RST) {
+            chip->die.wait_end = chip->base.wire.now_ns + chip->config.soft_reset_ns;
             restart_clock(chip);
         }
         break;
     case REG_CTRL3:
-        if (changed || is_single) {
+        if ((value & MD_MASK) == MD_SINGLE) {
+            sensor_chip_complain(&chip->base,
+                                 "a single measurement, which is not modelled");
+        }
+        if (changed) {
             restart_clock(chip);
         }
         break;
@@ -259,17 +202,8 @@ static void wrote(struct lis3mdl_chip *chip, uint8_t at, uint8_t old) {
             st_release_all(&chip->words, &output);
         }
         break;
-    case REG_INT_CFG:
-        if (!(value & INT_CFG_ONE)) {  // AD; DS table 36
-            sensor_chip_complain(&chip->base, "a bit cleared that must be 1");
-        }
-        break;
     default:
         break;
-    }
-    // DS CTRL_REG3, memory: single measurements go with 0.625 to 80 Hz.
-    if (is_single && (chip->die.reg[REG_CTRL1] & FAST_ODR)) {
-        sensor_chip_complain(&chip->base, "a single measurement with FAST_ODR");
     }
 }
 
@@ -277,10 +211,8 @@ static void write_byte(void *self, uint8_t die, uint8_t value) {
     struct lis3mdl_chip *chip = self;
     const uint8_t at = chip->die.pointer;
     const uint8_t old = chip->die.reg[at];
-    const bool is_offset = at >= REG_OFFSET_X_L && at <= REG_OFFSET_Z_H;
     const struct st_rule *rule =
-        is_offset ? &offset_rule
-                  : st_find_rule(rules, sizeof rules / sizeof rules[0], at);
+        st_find_rule(rules, sizeof rules / sizeof rules[0], at);
     (void)die;
     if (st_write(&chip->base, &chip->die, rule, "reset", value)) {
         wrote(chip, at, old);
@@ -313,7 +245,7 @@ static void reset(struct lis3mdl_chip *chip) {
     chip->die.reg[REG_WHO_AM_I] = chip->config.who_am_i;
     chip->die.reg[REG_CTRL1] = 0x10;
     chip->die.reg[REG_CTRL3] = MD_POWER_DOWN;
-    chip->die.reg[REG_INT_CFG] = chip->config.int_cfg;
+    chip->die.reg[REG_INT_CFG] = 0xE8;  // DS table 16, memory
     chip->words.half_read = 0;
     chip->words.waiting = 0;
     chip->die.wait_end = NEVER;
@@ -334,23 +266,12 @@ static uint64_t next_event(const void *self) {
     return chip->tick_ns < chip->die.wait_end ? chip->tick_ns : chip->die.wait_end;
 }
 
-// A reset ends with reset values, a reboot with its bit back at 0.
-static void end_wait(struct lis3mdl_chip *chip) {
-    chip->die.wait_end = NEVER;
-    if (chip->die.reg[REG_CTRL2] & SOFT_RST) {
-        reset(chip);
-    } else {
-        chip->die.reg[REG_CTRL2] &= (uint8_t)~REBOOT;
-        restart_clock(chip);
-    }
-}
-
 static void do_events(void *self) {
     struct lis3mdl_chip *chip = self;
     if (chip->tick_ns == chip->base.wire.now_ns) {
         take_sample(chip);
     } else {
-        end_wait(chip);
+        reset(chip);
     }
 }
 
@@ -398,10 +319,6 @@ struct lis3mdl_chip_config lis3mdl_chip_defaults(void) {
         .sensor = {.temperature_c = 25.0, .startup_ns = 10 * MS},
         .soft_reset_ns = 100 * US,  // no document says
         .who_am_i = 0x3D,           // LX, AD
-        .int_cfg = 0xE8,            // DS table 16, memory
-        .axes = {1, 2, 3},
-        // AN: 1 to 3 gauss in X and Y, 0.1 to 1 in Z.
-        .self_test_ut = {200.0, 200.0, 50.0},
     };
 }
 

@@ -25,7 +25,6 @@ struct st_output lsm9ds0_chip_output(struct lsm9ds0_chip *chip,
             .status = &g[REG_STATUS],
             .enabled = g[REG_CTRL1_G] & G_AXES,
             .has_bdu = (g[REG_CTRL4_G] & G_BDU) != 0,
-            .is_big_endian = (g[REG_CTRL4_G] & G_BLE) != 0,
         };
     case CHIP_ACC:
         return (struct st_output){
@@ -44,53 +43,21 @@ struct st_output lsm9ds0_chip_output(struct lsm9ds0_chip *chip,
     }
 }
 
+// Those that any firmware here uses, and their neighbours.
 static const struct st_rule rules_g[] = {
-    {REG_CTRL1_G, 0x00, 0x00},       {REG_CTRL2_G, 0xC0, 0x00},
+    {REG_CTRL1_G, 0x00, 0x00}, {REG_CTRL2_G, 0xC0, 0x00},
     {REG_CTRL3_G, 0x00, 0xC7},  // INT_G, and a FIFO's flags
-    {REG_CTRL4_G, 0x08, 0x01},  // SPI
+    {REG_CTRL4_G, 0x08, 0x41},  // big-endian, SPI
     {REG_CTRL5_G, 0x20, 0x51},  // FIFO_EN, HPen, Out_Sel but LPF2
-    {REG_REFERENCE_G, 0x00, 0x00},   {REG_FIFO_CTRL_G, 0x00, 0xE0},
-    {REG_INT1_CFG_G, 0x00, 0xFF},    {REG_INT1_THS_XH_G, 0x80, 0x00},
-    {REG_INT1_THS_XL_G, 0x00, 0x00}, {REG_INT1_THS_YH_G, 0x80, 0x00},
-    {REG_INT1_THS_YL_G, 0x00, 0x00}, {REG_INT1_THS_ZH_G, 0x80, 0x00},
-    {REG_INT1_THS_ZL_G, 0x00, 0x00}, {REG_INT1_DURATION_G, 0x00, 0x00},
 };
 
 static const struct st_rule rules_xm[] = {
     {REG_INT_CTRL_M, 0x00, 0x01},  // MIEN
-    {REG_INT_THS_L_M, 0x00, 0x00},
-    {REG_INT_THS_H_M, 0x80, 0x00},
-    {REG_OFFSET_X_L_M, 0x00, 0xFF},
-    {REG_OFFSET_X_L_M + 1, 0x00, 0xFF},
-    {REG_OFFSET_X_L_M + 2, 0x00, 0xFF},
-    {REG_OFFSET_X_L_M + 3, 0x00, 0xFF},
-    {REG_OFFSET_X_L_M + 4, 0x00, 0xFF},
-    {REG_OFFSET_Z_H_M, 0x00, 0xFF},
-    {REG_REFERENCE_X, 0x00, 0x00},
-    {REG_REFERENCE_X + 1, 0x00, 0x00},
-    {REG_REFERENCE_Z, 0x00, 0x00},
     {REG_CTRL0_XM, 0x18, 0x67},  // FIFO_EN, WTM_EN, high-pass of clicks and interrupts
-    {REG_CTRL1_XM, 0x00, 0x00},
-    {REG_CTRL2_XM, 0x00, 0x01},  // SPI
-    {REG_CTRL3_XM, 0x00, 0xF9},  // all but data-ready
-    {REG_CTRL4_XM, 0x00, 0xF3},
-    {REG_CTRL5_XM, 0x00, 0x00},
-    {REG_CTRL6_XM, 0x9F, 0x00},
-    {REG_CTRL7_XM, 0x18, 0x20},  // AFDS
-    {REG_FIFO_CTRL_XM, 0x00, 0xE0},
-    {REG_INT_GEN_1, 0x00, 0xFF},
-    {REG_INT_GEN_1_THS, 0x80, 0x00},
-    {REG_INT_GEN_1_DURATION, 0x80, 0x00},
-    {REG_INT_GEN_2, 0x00, 0xFF},
-    {REG_INT_GEN_2_THS, 0x80, 0x00},
-    {REG_INT_GEN_2_DURATION, 0x80, 0x00},
-    {REG_CLICK_CFG, 0xC0, 0x3F},
-    {REG_CLICK_THS, 0x80, 0x00},
-    {REG_TIME_LIMIT, 0x80, 0x00},
-    {REG_TIME_LATENCY, 0x00, 0x00},
-    {REG_TIME_WINDOW, 0x00, 0x00},
-    {REG_ACT_THS, 0x80, 0x7F},
-    {REG_ACT_DUR, 0x00, 0x00},
+    {REG_CTRL1_XM, 0x00, 0x00},   {REG_CTRL2_XM, 0x00, 0x01},  // SPI
+    {REG_CTRL3_XM, 0x00, 0xF9},                                // all but data-ready
+    {REG_CTRL4_XM, 0x00, 0xF3},   {REG_CTRL5_XM, 0x00, 0x00},
+    {REG_CTRL6_XM, 0x9F, 0x00},   {REG_CTRL7_XM, 0x18, 0x24},  // AFDS, low power
 };
 
 static void release(struct lsm9ds0_chip *chip, enum chip_quantity quantity,
@@ -131,8 +98,12 @@ static void check_mag(struct lsm9ds0_chip *chip) {
     if (res == 1 || res == 2) {
         sensor_chip_complain(&chip->base, "a magnetic resolution that is reserved");
     }
-    if ((reg[REG_CTRL7_XM] & M_MODE) >= M_POWER_DOWN ||
-        (reg[REG_CTRL7_XM] & M_LOW_POWER)) {
+    const uint8_t mode = reg[REG_CTRL7_XM] & M_MODE;
+    if (mode == M_SINGLE) {
+        sensor_chip_complain(&chip->base,
+                             "a single measurement, which is not modelled");
+    }
+    if (mode != M_CONTINUOUS) {
         return;
     }
     if (modr > M_ODR_100_HZ) {
@@ -211,7 +182,7 @@ static void wrote_xm(struct lsm9ds0_chip *chip, uint8_t at, uint8_t old,
         check_mag(chip);
         break;
     case REG_CTRL7_XM:
-        if (changed & (M_MODE | M_LOW_POWER) || (value & M_MODE) == M_SINGLE) {
+        if (changed & M_MODE) {
             lsm9ds0_chip_restart_clock(chip, CHIP_MAG);
         }
         check_mag(chip);

@@ -22,11 +22,8 @@ static double rate_hz(const struct lsm9ds0_chip *chip, enum chip_quantity quanti
         // DS CTRL_REG1_XM: 3.125 Hz at 1, doubling up to 1600 Hz at 10.
         return aodr == 0 || aodr > A_ODR_LAST ? 0.0 : ldexp(3.125, aodr - 1);
     default:
-        if ((ctrl7 & M_MODE) >= M_POWER_DOWN) {
+        if ((ctrl7 & M_MODE) != M_CONTINUOUS) {
             return 0.0;
-        }
-        if (ctrl7 & M_LOW_POWER) {
-            return 3.125;  // DS CTRL_REG7_XM: MLP
         }
         // DS CTRL_REG5_XM: 3.125 Hz at 0, doubling up to 100 Hz at 5.
         return modr > M_ODR_100_HZ ? 0.0 : ldexp(3.125, modr);
@@ -136,7 +133,7 @@ static void put_temperature(struct lsm9ds0_chip *chip) {
     const double counts =
         rint((chip->base.config.temperature_c - chip->config.temperature_zero_c) * 8.0);
     const int16_t value = (int16_t)fmin(fmax(counts, -2048.0), 2047.0);
-    st_put(&chip->xm.reg[REG_OUT_TEMP_L_XM], value, false);
+    st_put(&chip->xm.reg[REG_OUT_TEMP_L_XM], value);
 }
 
 static void sense(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
@@ -173,8 +170,4 @@ void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip, enum chip_quantity quan
     }
     const struct st_output output = lsm9ds0_chip_output(chip, quantity);
     st_put_sample(&sensor->words, &output);
-    if (quantity == CHIP_MAG && (chip->xm.reg[REG_CTRL7_XM] & M_MODE) == M_SINGLE) {
-        chip->xm.reg[REG_CTRL7_XM] ^= M_SINGLE ^ M_POWER_DOWN;
-        lsm9ds0_chip_set_next_tick(chip, quantity);
-    }
 }

@@ -30,9 +30,6 @@ enum {
 };
 enum ak_mode {
     AK_POWER_DOWN = 0,
-    AK_SINGLE = 1,
-    AK_CONTINUOUS_8_HZ = 2,
-    AK_EXTERNAL_TRIGGER = 4,
     AK_CONTINUOUS_100_HZ = 6,
     AK_SELF_TEST = 8,
     AK_FUSE_ROM = 15,
@@ -41,8 +38,7 @@ enum ak_mode {
 #define AK_MEASURE_NS (7200 * US)  // AK 5.3.1: TSM, typical
 #define AK_WAIT_NS (100 * US)      // AK 6.3: Twat after power-down
 #define AK_OVERFLOW_UT 4912.0      // AK 6.4.3.6: |X| + |Y| + |Z|
-#define AK_LSB_16_UT 0.15          // AK 8.3.4
-#define AK_LSB_14_UT 0.6
+#define AK_LSB_UT 0.15             // AK 8.3.4: of 16 bits
 
 void mpu9250_chip_reset_ak8963(struct mpu9250_chip *chip) {
     struct ak8963 *ak = &chip->ak;
@@ -54,11 +50,9 @@ void mpu9250_chip_reset_ak8963(struct mpu9250_chip *chip) {
     ak->powered_down_ns = chip->base.wire.now_ns;
 }
 
-// The period of the continuous modes, AK 6.4.3.
+// The period of the continuous mode, AK 6.4.3.
 static double ak_period_ns(const struct mpu9250_chip *chip) {
-    const double hz =
-        (chip->ak.reg[AK_CNTL1] & AK_MODE) == AK_CONTINUOUS_8_HZ ? 8.0 : 100.0;
-    return 1e9 / (hz * (1.0 + chip->config.mag_rate_error_ppm * 1e-6));
+    return 1e9 / (100.0 * (1.0 + chip->config.mag_rate_error_ppm * 1e-6));
 }
 
 static void ak_begin_measurement(struct mpu9250_chip *chip) {
@@ -80,22 +74,21 @@ static void ak_sense(struct mpu9250_chip *chip, double own_ut[3]) {
     if (mode == AK_SELF_TEST && (chip->ak.reg[AK_ASTC] & AK_SELF) != 0) {
         // AK 9.4.4: the judgment in 16 bits is -200..200, -200..200, -3200..-800 after
         // adjustment. The internal coil is far stronger than the field outside.
-        own_ut[0] = 40.0 * AK_LSB_16_UT;
-        own_ut[1] = -60.0 * AK_LSB_16_UT;
-        own_ut[2] = -1900.0 * AK_LSB_16_UT;
+        own_ut[0] = 40.0 * AK_LSB_UT;
+        own_ut[1] = -60.0 * AK_LSB_UT;
+        own_ut[2] = -1900.0 * AK_LSB_UT;
     }
 }
 
 // Writes the data registers and ST2.
 static void ak_publish(struct mpu9250_chip *chip, const double own_ut[3]) {
-    const bool is_16_bit = (chip->ak.reg[AK_CNTL1] & AK_16_BIT) != 0;
-    const double lsb = is_16_bit ? AK_LSB_16_UT : AK_LSB_14_UT;
-    const double limit = is_16_bit ? 32760.0 : 8190.0;  // AK 8.3.4
+    const double limit = 32760.0;  // AK 8.3.4
     double sum = 0.0;
     for (int axis = 0; axis < 3; axis++) {
         // AK 8.3.11: Hadj = H * ((ASA - 128) * 0.5 / 128 + 1)
         const double adjust = (chip->config.mag_adjust[axis] - 128) * 0.5 / 128.0 + 1.0;
-        int16_t counts = chip_motion_to_counts(own_ut[axis] / lsb / adjust, limit);
+        int16_t counts =
+            chip_motion_to_counts(own_ut[axis] / AK_LSB_UT / adjust, limit);
         if (counts < -limit) {
             counts = (int16_t)-limit;
         }
@@ -104,8 +97,7 @@ static void ak_publish(struct mpu9250_chip *chip, const double own_ut[3]) {
         data[1] = (uint8_t)((uint16_t)counts >> 8);
         sum += fabs(own_ut[axis]);
     }
-    chip->ak.reg[AK_ST2] =
-        (uint8_t)((sum >= AK_OVERFLOW_UT ? AK_HOFL : 0) | (is_16_bit ? AK_BITM : 0));
+    chip->ak.reg[AK_ST2] = (uint8_t)((sum >= AK_OVERFLOW_UT ? AK_HOFL : 0) | AK_BITM);
 }
 
 void mpu9250_chip_end_measurement(struct mpu9250_chip *chip) {
@@ -124,10 +116,10 @@ void mpu9250_chip_end_measurement(struct mpu9250_chip *chip) {
         }
         ak->reg[AK_ST1] |= AK_DRDY;
     }
-    if (mode == AK_CONTINUOUS_8_HZ || mode == AK_CONTINUOUS_100_HZ) {
+    if (mode == AK_CONTINUOUS_100_HZ) {
         ak_begin_measurement(chip);
     } else {
-        // AK 6.4.2: single and self-test fall back to power-down.
+        // AK 6.4.2: self-test falls back to power-down.
         ak->reg[AK_CNTL1] &= (uint8_t)~AK_MODE;
         ak->powered_down_ns = ak->measured_ns;
         ak->measured_ns = NEVER;
@@ -138,10 +130,9 @@ static void ak_set_mode(struct mpu9250_chip *chip, uint8_t value) {
     struct ak8963 *ak = &chip->ak;
     const uint8_t old = ak->reg[AK_CNTL1] & AK_MODE;
     const uint8_t mode = value & AK_MODE;
-    const bool is_continuous =
-        mode == AK_CONTINUOUS_8_HZ || mode == AK_CONTINUOUS_100_HZ;
-    const bool is_known = is_continuous || mode == AK_POWER_DOWN || mode == AK_SINGLE ||
-                          mode == AK_SELF_TEST || mode == AK_FUSE_ROM;
+    const bool is_measuring = mode == AK_CONTINUOUS_100_HZ || mode == AK_SELF_TEST;
+    const bool is_known = mode == AK_POWER_DOWN || mode == AK_FUSE_ROM ||
+                          (is_measuring && (value & AK_16_BIT));
     if (!is_known) {
         sensor_chip_complain_of(&chip->base, "AK8963",
                                 "a mode that is prohibited or not modelled");
@@ -165,7 +156,7 @@ static void ak_set_mode(struct mpu9250_chip *chip, uint8_t value) {
         if (old != AK_POWER_DOWN) {
             ak->powered_down_ns = chip->base.wire.now_ns;
         }
-    } else if (mode != AK_FUSE_ROM) {
+    } else if (is_measuring) {
         ak->started_ns = chip->base.wire.now_ns;
         ak->count = 0;
         ak_begin_measurement(chip);

@@ -19,7 +19,7 @@ void mpu9250_chip_reset(struct mpu9250_chip *chip) {
     memcpy(&chip->reg[REG_SELF_TEST_X_ACCEL], config->acc_self_test, 3);
     chip->reg[REG_PWR_MGMT_1] = 0x01;  // RM 3, the note under table 1
     chip->reg[REG_WHO_AM_I] = config->who_am_i;
-    chip->aux.slave = 5;
+    chip->aux.slave = AUX_NONE;
     chip->aux.byte_ns = NEVER;
     chip->base.wire.answers_ns = chip->base.wire.now_ns + chip->base.config.startup_ns;
     chip->awake_ns = chip->base.wire.now_ns;

@@ -11,16 +11,15 @@
 enum {
     REG_SELF_TEST_X_GYRO = 0,
     REG_SELF_TEST_X_ACCEL = 13,
-    REG_XG_OFFSET_H = 19,
-    REG_ZG_OFFSET_L = 24,
     REG_SMPLRT_DIV = 25,
     REG_CONFIG = 26,
     REG_GYRO_CONFIG = 27,
     REG_ACCEL_CONFIG = 28,
     REG_ACCEL_CONFIG_2 = 29,
-    REG_FIFO_EN = 35,
     REG_I2C_MST_CTRL = 36,
     REG_I2C_SLV0_ADDR = 37,
+    REG_I2C_SLV0_REG = 38,
+    REG_I2C_SLV0_CTRL = 39,
     REG_I2C_SLV4_ADDR = 49,
     REG_I2C_SLV4_REG = 50,
     REG_I2C_SLV4_DO = 51,
@@ -35,36 +34,24 @@ enum {
     REG_GYRO_XOUT_H = 67,
     REG_EXT_SENS_DATA_00 = 73,
     REG_EXT_SENS_DATA_23 = 96,
-    REG_I2C_SLV0_DO = 99,
-    REG_I2C_SLV3_DO = 102,
-    REG_I2C_MST_DELAY_CTRL = 103,
     REG_SIGNAL_PATH_RESET = 104,
     REG_USER_CTRL = 106,
     REG_PWR_MGMT_1 = 107,
     REG_PWR_MGMT_2 = 108,
-    REG_FIFO_COUNTH = 114,
     REG_FIFO_R_W = 116,
     REG_WHO_AM_I = 117,
-    REG_XA_OFFSET_H = 119,
-    REG_ZA_OFFSET_L = 126,
     REG_COUNT = 128,
 };
 
 enum {
-    // RM 4.12, 4.13, 4.17, 4.30
+    // RM 4.12, 4.13, 4.17
     MST_WAIT_FOR_ES = 1 << 6,
     MST_CLOCK = 0x0F,
     SLV_READ = 1 << 7,
     SLV_EN = 1 << 7,
-    SLV_BYTE_SW = 1 << 6,
-    SLV_REG_DIS = 1 << 5,
-    SLV_GRP = 1 << 4,
     SLV_LENG = 0x0F,
-    SLV4_DELAY = 0x1F,
-    DELAY_ES_SHADOW = 1 << 7,
     // RM 4.18
     STATUS_SLV4_DONE = 1 << 6,
-    STATUS_SLV4_NACK = 1 << 4,
     // RM 4.19, 4.21
     INT_ACTL = 1 << 7,
     INT_LATCH = 1 << 5,
@@ -108,16 +95,13 @@ struct aux_bus {
 };
 
 // One transaction of the chip's own I2C master, a byte at a time (RM 4.13 to 4.17).
+enum { AUX_NONE = 5 };
 struct aux {
-    uint8_t slave;  // 0 to 4 under way, 5 for none
+    uint8_t slave;  // 0 or 4 under way, or AUX_NONE
     uint8_t at;     // bytes moved
     uint8_t length;
-    uint8_t base;  // index in EXT_SENS_DATA of the first
     bool is_refused;
-    uint64_t byte_ns;     // when the next byte is through
-    uint8_t held[24];     // what waits for the shadow (RM 4.30, DELAY_ES_SHADOW)
-    uint8_t reserved[4];  // bytes of EXT_SENS_DATA that each slave has been given
-    uint8_t delay_count;
+    uint64_t byte_ns;  // when the next byte is through
 };
 
 struct mpu9250_chip {

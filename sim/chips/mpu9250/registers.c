@@ -70,6 +70,17 @@ static void write_user_control(struct mpu9250_chip *chip, uint8_t value) {
     // Switched off, the master ends the transaction under way, and the round with it.
 }
 
+static void check_slaves(struct mpu9250_chip *chip) {
+    const uint8_t address = chip->reg[REG_I2C_SLV0_ADDR];
+    const uint8_t controls = (uint8_t)(chip->reg[REG_I2C_SLV0_CTRL] & ~SLV_LENG) |
+                             chip->reg[REG_I2C_SLV4_CTRL];
+    if ((address != 0 && !(address & SLV_READ)) || (controls & ~SLV_EN)) {
+        sensor_chip_complain(&chip->base,
+                             "of its own I2C master only reads by slave 0 and single "
+                             "bytes by slave 4 are modelled");
+    }
+}
+
 void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
     const uint8_t at = chip->pointer;
     const uint8_t old = chip->reg[at];
@@ -86,7 +97,6 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
     case REG_ACCEL_CONFIG_2:
     case REG_I2C_MST_CTRL:
     case REG_INT_PIN_CFG:
-    case REG_I2C_MST_DELAY_CTRL:
     case REG_PWR_MGMT_2:
         chip->reg[at] = value;
         break;
@@ -109,12 +119,18 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
     case REG_I2C_MST_STATUS:
         sensor_chip_complain(&chip->base, "a read-only register written");
         break;
+    case REG_I2C_SLV0_ADDR:
+    case REG_I2C_SLV0_REG:
+    case REG_I2C_SLV0_CTRL:
+    case REG_I2C_SLV4_ADDR:
+    case REG_I2C_SLV4_REG:
+    case REG_I2C_SLV4_DO:
+    case REG_I2C_SLV4_CTRL:
+        chip->reg[at] = value;
+        check_slaves(chip);
+        break;
     default:
-        if ((at >= REG_XG_OFFSET_H && at <= REG_ZG_OFFSET_L) ||
-            (at >= REG_I2C_SLV0_ADDR && at <= REG_I2C_SLV4_CTRL) ||
-            (at >= REG_I2C_SLV0_DO && at <= REG_I2C_SLV3_DO) ||
-            (at >= REG_XA_OFFSET_H && at <= REG_ZA_OFFSET_L) ||
-            at < REG_SELF_TEST_X_GYRO + 3 ||
+        if (at < REG_SELF_TEST_X_GYRO + 3 ||
             (at >= REG_SELF_TEST_X_ACCEL && at < REG_SELF_TEST_X_ACCEL + 3)) {
             chip->reg[at] = value;
         } else if (value != 0 || at > REG_WHO_AM_I) {

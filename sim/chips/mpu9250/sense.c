@@ -73,10 +73,6 @@ static void put_big_endian(uint8_t *at, int16_t value) {
     at[1] = (uint8_t)((uint16_t)value & 0xFF);
 }
 
-static int16_t get_big_endian(const uint8_t *at) {
-    return (int16_t)(uint16_t)((at[0] << 8) | at[1]);
-}
-
 // ST 3.2: factory trim in counts at the smallest range.
 static double self_test_counts(uint8_t code) {
     return code == 0 ? 0.0 : 2620.0 * pow(1.01, code - 1.0);
@@ -94,9 +90,6 @@ static void sample_gyro(struct mpu9250_chip *chip) {
         sensor_chip_response(&chip->base, CHIP_FAULT_GYR_SELF_TEST, 0);
     for (int axis = 0; axis < 3; axis++) {
         double counts = mean[axis] * counts_per_rad_s;
-        // RM 4.3: OffsetLSB = X_OFFS_USR * 4 / 2^FS_SEL
-        counts +=
-            get_big_endian(&chip->reg[REG_XG_OFFSET_H + 2 * axis]) * 4.0 / (1 << range);
         if (config & (SELF_TEST_X >> axis)) {
             const uint8_t code = chip->config.gyr_self_test[axis];
             counts += response * self_test_counts(code) / (1 << range);
@@ -120,9 +113,6 @@ static void sample_accel(struct mpu9250_chip *chip) {
         sensor_chip_response(&chip->base, CHIP_FAULT_ACC_SELF_TEST, 0);
     for (int axis = 0; axis < 3; axis++) {
         double counts = mean[axis] * counts_per_m_s2;
-        // RM 4.39: 15 bits, steps of 0.98 mg, the lowest bit of the pair is reserved.
-        const int offset = get_big_endian(&chip->reg[REG_XA_OFFSET_H + 3 * axis]) >> 1;
-        counts += offset * 0.98e-3 * 16384.0 / (1 << range);
         if (config & (SELF_TEST_X >> axis)) {
             const uint8_t code = chip->config.acc_self_test[axis];
             counts += response * self_test_counts(code) / (1 << range);

@@ -23,8 +23,6 @@ struct sensor_model {
     void (*do_events)(void *self);  // those of this instant
     // CHIP_FAULT_REGISTER_FLIP or CHIP_FAULT_MAG_HUNG, once.
     void (*suffer)(void *self, const struct chip_fault *fault);
-    // Before and after the temperature changes; null: nothing to do.
-    void (*warm)(void *self, bool is_done);
     bool (*pin_is_high)(const void *self, unsigned pin);
     uint8_t (*peek)(const void *self, uint8_t die, uint8_t reg);
     uint64_t (*samples)(const void *self, enum chip_quantity quantity);

@@ -44,14 +44,7 @@ void sensor_chip_hold(struct sensor_chip *chip, const double gyr_rad_s[3],
 }
 
 void sensor_chip_set_temperature(struct sensor_chip *chip, double temperature_c) {
-    const struct sensor_model *model = chip->model;
-    if (model->warm != NULL) {
-        model->warm(chip, false);
-    }
     chip->config.temperature_c = temperature_c;
-    if (model->warm != NULL) {
-        model->warm(chip, true);
-    }
 }
 
 // Time

@@ -35,7 +35,8 @@ bool st_write(struct sensor_chip *chip, struct st_die *die, const struct st_rule
         sensor_chip_complain(chip, what);
     }
     if (rule == NULL) {
-        sensor_chip_complain(chip, "a register written that is reserved or read-only");
+        sensor_chip_complain(
+            chip, "a register written that is reserved, read-only or not modelled");
         return false;
     }
     if (value & rule->reserved) {
@@ -74,15 +75,15 @@ bool st_word_waited(struct st_words *words, int number) {
 
 // Output and status
 
-void st_put(uint8_t *out, int16_t value, bool is_big_endian) {
-    out[is_big_endian ? 1 : 0] = (uint8_t)((uint16_t)value & 0xFF);
-    out[is_big_endian ? 0 : 1] = (uint8_t)((uint16_t)value >> 8);
+void st_put(uint8_t *out, int16_t value) {
+    out[0] = (uint8_t)((uint16_t)value & 0xFF);
+    out[1] = (uint8_t)((uint16_t)value >> 8);
 }
 
 // The host sees the latest value of an axis.
 static void show(const struct st_words *words, const struct st_output *output,
                  int axis) {
-    st_put(output->out + 2 * axis, words->latest[axis], output->is_big_endian);
+    st_put(output->out + 2 * axis, words->latest[axis]);
 }
 
 // A new value replaces an unread one, and is flagged.

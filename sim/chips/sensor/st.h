@@ -57,12 +57,11 @@ struct st_output {
     uint8_t *status;  // the register
     uint8_t enabled;  // axes; bit 0 is x
     bool has_bdu;
-    bool is_big_endian;
 };
 enum { ST_DATA_ALL = 1 << 3, ST_OVERRUN_SHIFT = 4 };
 
-// Two registers from `out` on.
-void st_put(uint8_t *out, int16_t value, bool is_big_endian);
+// Two registers from `out` on, the low byte first.
+void st_put(uint8_t *out, int16_t value);
 // A sample has come.
 void st_put_sample(struct st_words *words, const struct st_output *output);
 // An output byte has been read: number 0 to 5.

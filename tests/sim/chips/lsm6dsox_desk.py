@@ -18,7 +18,6 @@ HZ = [6667 / 2**n for n in range(9, -1, -1)]  # by the codes of ODR, from 1 on
 ffi, lib = native.load()
 recorder = functools.partial(sensor_desk.recorder, ffi)
 
-INT1, INT2 = lib.LSM6DSOX_CHIP_INT1, lib.LSM6DSOX_CHIP_INT2
 # Of each sensor: first output register, its bit of STATUS_REG, register of its rate.
 PLACES = {GYR: (0x22, 0x02, 0x11), ACC: (0x28, 0x01, 0x10)}
 
@@ -31,9 +30,9 @@ class Chip(StDesk):
     PLACES: ClassVar = {q: (IMU, out, 0x1E, new) for q, (out, new, _) in PLACES.items()}
     ON = 0
 
-    def __init__(self, *, kind: str = "defaults", **config: Any) -> None:
+    def __init__(self, **config: Any) -> None:
         at_once = {"startup_ns": 0, "gyr_turn_on_ns": 0}
-        super().__init__("lsm6dsox", ffi, lib, kind, **(at_once | config))
+        super().__init__("lsm6dsox", ffi, lib, **(at_once | config))
 
     def read(self, reg: int) -> int:
         return self.get(IMU, reg)[0]

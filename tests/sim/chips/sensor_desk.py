@@ -15,14 +15,12 @@ Triple = tuple[float, float, float]
 class SensorDesk:
     """A sensor's model, the time in ns, and an I2C master at 400 kHz."""
 
-    def __init__(
-        self, name: str, ffi: Any, lib: Any, kind: str = "defaults", **config: Any
-    ) -> None:
+    def __init__(self, name: str, ffi: Any, lib: Any, **config: Any) -> None:
         self.name = name
         self.ffi = ffi
         self.lib = lib
         self.config = ffi.new(f"struct {name}_chip_config *")
-        self.config[0] = getattr(lib, f"{name}_chip_{kind}")()
+        self.config[0] = getattr(lib, f"{name}_chip_defaults")()
         sensor = self.config.sensor
         for key, value in config.items():
             if key == "motion":

@@ -14,44 +14,14 @@ from sim.chips.lis3mdl_desk import FIELD, MAG, ON, Chip, lib, recorder
 from sim.chips.sensor_desk import MS
 
 
-def test_values_that_the_documents_forbid_complain() -> None:
-    chip = Chip()
-    chip.write(0x30, 0xE0)  # AD: bit 3 must be 1
-    assert "must be 1" in str(chip.complaint())
-    chip = Chip()
-    chip.write(0x20, 0x72)
-    chip.write(0x22, 0x01)
-    assert "FAST_ODR" in str(chip.complaint())
-
-
 def test_a_soft_reset_takes_its_time_and_brings_reset_values(chip: Chip) -> None:
     before = chip.get(MAG, ON | 0, 64)
     chip.run()
-    chip.write(0x05, 0x01, 0x02)
     chip.write(0x21, 0x24)
     assert chip.peek(0x21) == 0x24
     chip.wait(1)
     assert chip.get(MAG, ON | 0, 64) == before
     assert chip.next_event() == 2**64 - 1
-
-
-def test_a_reboot_clears_its_bit_and_keeps_the_registers() -> None:
-    chip = Chip(startup_ns=10 * MS)
-    chip.wait(10)
-    chip.run()
-    chip.write(0x21, 0x48)
-    before = chip.samples()
-    chip.wait(9)
-    assert chip.read(0x21) == 0x48
-    assert chip.samples() == before
-    chip.wait(2)
-    assert (chip.read(0x21), chip.read(0x22)) == (0x40, 0x00)
-    chip.wait(100)
-    assert chip.samples() > before
-    assert chip.complaint() is None
-    chip.write(0x21, 0x48)
-    chip.write(0x20, 0x10)
-    assert "during a reset" in str(chip.complaint())
 
 
 @pytest.mark.parametrize(
@@ -64,28 +34,6 @@ def test_rates(chip: Chip, code: int, hz: float) -> None:
     assert times[-1] - times[0] == pytest.approx(4e9 / hz, abs=1)
 
 
-@pytest.mark.parametrize(
-    ("om", "hz", "first_us"),
-    # AD: by performance mode; AN table 8: start-up
-    [(0, 1000, 1200), (1, 560, 1910), (2, 300, 3480), (3, 155, 6650)],
-)
-def test_fast_rates_are_those_of_the_mode(
-    chip: Chip, om: int, hz: float, first_us: float
-) -> None:
-    chip.run(ctrl1=om << 5 | 0x02)
-    start = chip.now[0]
-    times = chip.times(FIELD, 5)
-    assert times[0] - start == pytest.approx(first_us * 1e3, abs=5e3)
-    assert times[-1] - times[0] == pytest.approx(4e9 / hz, abs=2)
-
-
-def test_low_power_has_the_slowest_rate(chip: Chip) -> None:
-    chip.run()
-    chip.write(0x22, 0x20)
-    first, second = chip.times(FIELD, 2)
-    assert second - first == 1600 * MS
-
-
 @pytest.mark.parametrize("ctrl3", [0x02, 0x03])  # DS table 28: both are power-down
 def test_power_down_stops_it(chip: Chip, ctrl3: int) -> None:
     chip.wait(1000)
@@ -96,20 +44,6 @@ def test_power_down_stops_it(chip: Chip, ctrl3: int) -> None:
     before = chip.samples()
     chip.wait(1000)
     assert chip.samples() == before
-
-
-@pytest.mark.parametrize(("om", "us"), [(0, 1200), (3, 6650)])  # AN table 8
-def test_a_single_measurement_is_one(chip: Chip, om: int, us: float) -> None:
-    chip.write(0x20, om << 5 | 0x10)
-    chip.write(0x22, 0x01)
-    start = chip.now[0]
-    assert chip.sample() - start == pytest.approx(us * 1e3, abs=5e3)
-    assert chip.read(0x22) == 0x03
-    chip.wait(1000)
-    assert chip.samples() == 1
-    chip.write(0x22, 0x01)
-    chip.wait(1000)
-    assert chip.samples() == 2
 
 
 @pytest.mark.parametrize(
@@ -125,28 +59,6 @@ def test_counts_over_the_ranges(chip: Chip, fs: int, per_gauss: int) -> None:
     chip.hold(mag=(-40_000 * one, 0.6 * one, 0.0))
     chip.sample()
     assert chip.counts() == [-32_768, 1, 0]
-
-
-@pytest.mark.parametrize(
-    ("axes", "counts"), [((1, 2, 3), (10, 20, 30)), ((-2, 1, -3), (-20, 10, -30))]
-)
-def test_its_axes_on_the_board_are_a_choice(
-    axes: tuple[int, int, int], counts: tuple[int, int, int]
-) -> None:
-    chip = Chip(axes=axes)
-    chip.run()
-    one = 100 / 6842
-    chip.hold(mag=(10 * one, 20 * one, 30 * one))
-    chip.sample()
-    assert tuple(chip.counts()) == counts
-
-
-def test_offset_registers_are_subtracted(chip: Chip) -> None:
-    chip.run()
-    chip.write(0x05, 0x10, 0x00, 0xF0, 0xFF, 0x00, 0x01)
-    chip.hold(mag=(0, 0, 0))
-    chip.sample()
-    assert chip.counts() == [-16, 16, -256]  # AN
 
 
 @pytest.mark.parametrize(("om", "hz"), [(0, 1000), (1, 560), (2, 300), (3, 155)])
@@ -177,14 +89,6 @@ def test_temperature_stands_without_its_enable_bit(chip: Chip) -> None:
     chip.run(ctrl1=0x7C)
     chip.sample()
     assert chip.words(MAG, 0x2E, 1) == [0]
-
-
-def test_bytes_can_be_big_endian(chip: Chip) -> None:
-    chip.run()
-    chip.write(0x23, 0x0E)  # DS CTRL_REG4: BLE
-    chip.hold(mag=(0x1234 * 100 / 6842, 0, 0))
-    chip.sample()
-    assert chip.get(MAG, ON | 0x28, 2) == [0x12, 0x34]
 
 
 def test_a_sample_sets_its_flags_and_high_bytes_clear_them(chip: Chip) -> None:

@@ -17,13 +17,10 @@ from sim.chips.lsm6dsox_desk import (
     GYR,
     HZ,
     IMU,
-    INT1,
-    INT2,
     PLACES,
     Chip,
     every_sensor,
 )
-from sim.chips.sensor_desk import MS
 
 
 @every_sensor
@@ -59,85 +56,44 @@ def test_temperature_comes_52_times_a_second(chip: Chip) -> None:
     assert seen == pytest.approx(52, abs=1)  # DS table 5
 
 
-@pytest.mark.parametrize(("pin", "reg"), [(INT1, 0x0D), (INT2, 0x0E)])
 @every_sensor
 def test_data_ready_is_high_from_the_sample_until_it_is_read(
-    chip: Chip, quantity: int, pin: int, reg: int
+    chip: Chip, quantity: int
 ) -> None:
     out, bit, rate = PLACES[quantity]
-    chip.write(reg, bit)
+    chip.write(0x0D, bit)
     chip.write(rate, 0x50)
-    assert not chip.is_high(pin)
+    assert not chip.is_high()
     chip.sample(quantity)
-    assert chip.is_high(pin)
-    assert not chip.is_high(INT1 + INT2 - pin)
+    assert chip.is_high()
     chip.sample(quantity)
-    assert chip.is_high(pin)
+    assert chip.is_high()
     chip.get(IMU, out, 1)
-    assert chip.is_high(pin)
+    assert chip.is_high()
     chip.get(IMU, out, 2)
-    assert not chip.is_high(pin)
-
-
-def test_pins_can_be_active_low(chip: Chip) -> None:
-    chip.write(0x12, 0x24)  # DS CTRL3_C: H_LACTIVE
-    assert chip.is_high(INT1)
-    assert chip.is_high(INT2)
-    chip.write(0x0D, 0x01)
-    chip.write(0x10, 0x50)
-    chip.sample(ACC)
-    assert not chip.is_high(INT1)
-    assert chip.is_high(INT2)
-
-
-def test_int2_can_be_on_int1(chip: Chip) -> None:
-    chip.write(0x0E, 0x05)  # temperature and accelerometer
-    chip.write(0x13, 0x20)  # DS CTRL4_C: INT2_on_INT1
-    chip.write(0x10, 0x30)
-    chip.wait(100)
-    assert chip.is_high(INT1)
-    assert not chip.is_high(INT2)
-    chip.counts(ACC)
-    assert chip.is_high(INT1)
-    chip.get(IMU, 0x20, 2)
-    assert not chip.is_high(INT1)
+    assert not chip.is_high()
 
 
 def test_data_ready_can_be_a_pulse_of_75_us_while_the_flag_stays(chip: Chip) -> None:
     chip.write(0x0B, 0x80)  # DS COUNTER_BDR_REG1: dataready_pulsed
     chip.run(ACC)
     start = chip.sample(ACC)
-    assert chip.is_high(INT1)
+    assert chip.is_high()
     assert chip.next_event() == start + 75_000
     chip.advance(chip.next_event())
-    assert not chip.is_high(INT1)
+    assert not chip.is_high()
     assert chip.has_new(ACC)
     chip.sample(ACC)
-    assert chip.is_high(INT1)
-
-
-@every_sensor
-def test_drdy_mask_keeps_the_signal_until_the_filter_has_settled(quantity: int) -> None:
-    chip = Chip(gyr_turn_on_ns=70 * MS)
-    chip.write(0x13, 0x08)  # DS CTRL4_C: DRDY_MASK
-    chip.run(quantity)
-    seen = 0
-    while not chip.is_high(INT1):
-        chip.sample(quantity)
-        seen += 1
-    # AN tables 13, 14 and 15 at 208 Hz: the samples to discard pass unsignalled.
-    turn_on = 14 if quantity == GYR else 0
-    assert seen == turn_on + {GYR: 3, ACC: 1}[quantity] + 1
-    assert chip.complaint() is None
+    assert chip.is_high()
 
 
 def test_edges_follow_the_rate_where_each_sample_is_read(chip: Chip) -> None:
     chip.run(GYR, code=6)
     rises = []
     for _ in range(417):
-        assert not chip.is_high(INT1)
+        assert not chip.is_high()
         rises.append(chip.sample(GYR))
-        assert chip.is_high(INT1)
+        assert chip.is_high()
         assert chip.get(IMU, 0x1E, 16)[0] & 0x02 == 0x02
     steps = {b - a for a, b in itertools.pairwise(rises)}
     assert max(steps) - min(steps) <= 1

@@ -45,12 +45,6 @@ def test_magnetometer_rates(chip: Chip, modr: int, hz: float) -> None:
     assert times[-1] - times[0] == pytest.approx(19e9 / hz, abs=1)
 
 
-def test_mlp_slows_the_magnetometer_to_3_hz(chip: Chip) -> None:
-    chip.run_mag(ctrl7=0x04)  # DS CTRL_REG7_XM
-    first, second = chip.times(MAG, 2)
-    assert second - first == 320 * MS
-
-
 def test_power_down_and_sleep_stop_a_sensor(chip: Chip) -> None:
     chip.run_gyro()
     chip.run_accel()
@@ -64,17 +58,6 @@ def test_power_down_and_sleep_stop_a_sensor(chip: Chip) -> None:
     chip.put(G, 0x20, 0xB7)  # PD 0: power-down
     chip.wait(1000)
     assert [chip.samples(q) for q in (GYR, ACC, MAG)] == before
-
-
-def test_a_single_conversion_is_one(chip: Chip) -> None:
-    chip.run_mag(ctrl7=0x01)
-    assert chip.get(XM, 0x26) == [0x01]
-    chip.wait(1000)
-    assert chip.samples(MAG) == 1
-    assert chip.get(XM, 0x26) == [0x02]
-    chip.put(XM, 0x26, 0x01)
-    chip.wait(1000)
-    assert chip.samples(MAG) == 2
 
 
 def test_the_dies_drift_apart_by_their_clocks() -> None:
@@ -147,13 +130,6 @@ def test_the_axes_of_the_magnetometer_are_a_choice() -> None:
     chip.hold(mag=(8.0, 16.0, 24.0))
     chip.sample(MAG)
     assert chip.counts(MAG) == [-1000, 2000, 3000]
-
-
-def test_bytes_can_be_big_endian_in_the_gyroscope(chip: Chip) -> None:
-    chip.run_gyro(ctrl4=0xE0)  # DS CTRL_REG4_G: BLE
-    chip.hold(gyr=(math.radians(0x1234 * 0.07), 0, 0))
-    chip.sample(GYR)
-    assert chip.get(G, ON | 0x28, 2) == [0x12, 0x34]
 
 
 @pytest.mark.parametrize(

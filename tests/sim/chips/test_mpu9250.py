@@ -63,7 +63,8 @@ def test_read_only_registers_keep_their_value_and_complain() -> None:
 
 
 def test_unmodelled_registers_complain() -> None:
-    for reg, value in ((35, 0x78), (106, 0x40), (107, 0x20), (56, 0x10)):
+    slaves = (37, 0x0C), (39, 0xC0), (40, 0x8C), (52, 0x84), (99, 0x16), (103, 0x80)
+    for reg, value in ((35, 0x78), (106, 0x40), (107, 0x20), (56, 0x10), *slaves):
         chip = Chip()
         chip.write(reg, value)
         assert chip.complaint() is not None

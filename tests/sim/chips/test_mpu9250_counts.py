@@ -95,16 +95,6 @@ def test_disabled_axes_and_sensors_that_start_read_zero(chip: Chip) -> None:
     assert [word == 0 for word in chip.words(67, 3)] == [False, False, True]
 
 
-def test_offset_registers_add_their_steps(chip: Chip) -> None:
-    chip.sample()
-    chip.hold(acc=(0, 0, 0))
-    chip.write(19, 0x00, 0x64)  # 100 steps of 4 counts at 250 deg/s
-    chip.write(119, 0x01, 0x00)  # 128 steps of 0.98 mg
-    chip.wait(100)
-    assert chip.words(67, 1) == [400]
-    assert chip.words(59, 1) == [round(128 * 0.98e-3 * 16384)]
-
-
 def test_a_burst_is_of_one_instant(chip: Chip) -> None:
     chip.sample()
     chip.wait(100)
