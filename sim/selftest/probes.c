@@ -4,6 +4,7 @@
 #include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
+#include <avr/pgmspace.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
 
@@ -15,6 +16,7 @@
 #define RESULT ((volatile uint16_t *)PROBE_RESULTS)
 
 static volatile uint8_t count;
+static uint8_t causes;  // of the reset, MCUSR
 
 // Of Timer1, which runs.
 static void delay_ticks(uint16_t ticks) {
@@ -51,6 +53,14 @@ static void twi_by_interrupt(uint8_t twbr) {
     while (twi_step < 3) {
     }
     cli();
+}
+
+static void twi_fast(void) {
+    twi_by_interrupt(12);  // 400 kHz
+}
+
+static void twi_slow(void) {
+    twi_by_interrupt(72);  // 100 kHz
 }
 
 // The same polled: a one written to TWINT clears it until the work is done.
@@ -206,6 +216,11 @@ static void uart_on(void) {
     UCSR0B = (1 << TXEN0) | (1 << RXEN0);
 }
 
+static void uart_send(void) {
+    uart_on();
+    send_six();
+}
+
 static void uart_baud_order(void) {
     UBRR0H = 0;
     UBRR0L = 3;
@@ -331,7 +346,7 @@ static void timer_compare(void) {
 
 // Resets
 
-static void watchdog_reset(uint8_t causes) {
+static void watchdog_reset(void) {
     if (causes & (1 << WDRF)) {
         RESULT[1] = causes;
         READY_SENSE = (1 << ISC01) | (1 << ISC00);
@@ -374,7 +389,7 @@ static void delay_40_ms(void) {
     delay_ticks(2500);
 }
 
-static void watchdog_modes(uint8_t causes) {
+static void watchdog_modes(void) {
     TCCR1B = 1 << CS12;  // 16 us a tick
     if (causes == (1 << PORF)) {
         MCUSR = 0;
@@ -413,7 +428,7 @@ static void watchdog_modes(uint8_t causes) {
     delay_40_ms();
 }
 
-static void reset_cause(uint8_t causes) {
+static void reset_cause(void) {
     RESULT[RESULT[8]] = causes;
     RESULT[8]++;
 }
@@ -445,85 +460,41 @@ static void button(void) {
     RESULT[1] = WIRED_PIN >> BUTTON_BIT & 1;
 }
 
+// Not in RAM: start-up would take longer by its copy.
+static void (*const programs[])(void) PROGMEM = {
+    [PROBE_TWI_FAST] = twi_fast,
+    [PROBE_TWI_SLOW] = twi_slow,
+    [PROBE_TWI_FLAG] = twi_flag,
+    [PROBE_TWI_BUS_HELD] = twi_bus_held,
+    [PROBE_BUS_LINES] = bus_lines,
+    [PROBE_INTERRUPT_ENTRY] = interrupt_entry,
+    [PROBE_INTERRUPT_FLAGS] = interrupt_flags,
+    [PROBE_EXTERNAL_FLAG] = external_flag,
+    [PROBE_UART_SEND] = uart_send,
+    [PROBE_UART_DOUBLE_BUFFER] = uart_double_buffer,
+    [PROBE_UART_BAUD_ORDER] = uart_baud_order,
+    [PROBE_UART_POLLING] = uart_polling,
+    [PROBE_UART_RECEIVE] = uart_receive,
+    [PROBE_SLEEP] = sleep_long,
+    [PROBE_EEPROM_TIME] = eeprom_time,
+    [PROBE_EEPROM_READY] = eeprom_ready,
+    [PROBE_TIMER_PRELOAD] = timer_preload,
+    [PROBE_TIMER_COMPARE] = timer_compare,
+    [PROBE_WATCHDOG_RESET] = watchdog_reset,
+    [PROBE_WATCHDOG_MODES] = watchdog_modes,
+    [PROBE_RESET_CAUSE] = reset_cause,
+    [PROBE_ANALOG] = analog,
+    [PROBE_BUTTON] = button,
+};
+
 int main(void) {
-    const uint8_t causes = MCUSR;
+    causes = MCUSR;
     if (PROBE != PROBE_RESET_CAUSE && PROBE != PROBE_WATCHDOG_MODES) {
         MCUSR = 0;
         wdt_disable();
     }
-    switch (PROBE) {
-    case PROBE_TWI_FAST:
-        twi_by_interrupt(12);  // 400 kHz
-        break;
-    case PROBE_TWI_SLOW:
-        twi_by_interrupt(72);  // 100 kHz
-        break;
-    case PROBE_TWI_FLAG:
-        twi_flag();
-        break;
-    case PROBE_TWI_BUS_HELD:
-        twi_bus_held();
-        break;
-    case PROBE_BUS_LINES:
-        bus_lines();
-        break;
-    case PROBE_INTERRUPT_ENTRY:
-        interrupt_entry();
-        break;
-    case PROBE_INTERRUPT_FLAGS:
-        interrupt_flags();
-        break;
-    case PROBE_EXTERNAL_FLAG:
-        external_flag();
-        break;
-    case PROBE_UART_SEND:
-        uart_on();
-        send_six();
-        break;
-    case PROBE_UART_DOUBLE_BUFFER:
-        uart_double_buffer();
-        break;
-    case PROBE_UART_BAUD_ORDER:
-        uart_baud_order();
-        break;
-    case PROBE_UART_POLLING:
-        uart_polling();
-        break;
-    case PROBE_UART_RECEIVE:
-        uart_receive();
-        break;
-    case PROBE_SLEEP:
-        sleep_long();
-        break;
-    case PROBE_EEPROM_TIME:
-        eeprom_time();
-        break;
-    case PROBE_EEPROM_READY:
-        eeprom_ready();
-        break;
-    case PROBE_TIMER_PRELOAD:
-        timer_preload();
-        break;
-    case PROBE_TIMER_COMPARE:
-        timer_compare();
-        break;
-    case PROBE_WATCHDOG_RESET:
-        watchdog_reset(causes);
-        break;
-    case PROBE_WATCHDOG_MODES:
-        watchdog_modes(causes);
-        break;
-    case PROBE_RESET_CAUSE:
-        reset_cause(causes);
-        break;
-    case PROBE_ANALOG:
-        analog();
-        break;
-    case PROBE_BUTTON:
-        button();
-        break;
-    default:
-        break;
+    if (PROBE > 0 && PROBE < sizeof programs / sizeof *programs) {
+        ((void (*)(void))pgm_read_ptr(&programs[PROBE]))();
     }
     GPIOR2 = PROBE_DONE;
     for (;;) {

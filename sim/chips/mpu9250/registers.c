@@ -93,13 +93,6 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
             mpu9250_chip_restart_clock(chip);
         }
         break;
-    case REG_ACCEL_CONFIG:
-    case REG_ACCEL_CONFIG_2:
-    case REG_I2C_MST_CTRL:
-    case REG_INT_PIN_CFG:
-    case REG_PWR_MGMT_2:
-        chip->reg[at] = value;
-        break;
     case REG_INT_ENABLE:
         chip->reg[at] = value;
         if (value & ~INT_RAW_RDY) {
@@ -119,6 +112,11 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
     case REG_I2C_MST_STATUS:
         sensor_chip_complain(&chip->base, "a read-only register written");
         break;
+    case REG_ACCEL_CONFIG:
+    case REG_ACCEL_CONFIG_2:
+    case REG_I2C_MST_CTRL:
+    case REG_INT_PIN_CFG:
+    case REG_PWR_MGMT_2:
     case REG_I2C_SLV0_ADDR:
     case REG_I2C_SLV0_REG:
     case REG_I2C_SLV0_CTRL:

@@ -58,8 +58,8 @@ static int outside(const struct f405 *m, unsigned port, unsigned pin) {
     case PIN_DRDY_G:
     case PIN_DRDY_XM:
         return sensor_chip_pin_is_high(m->sensor, pin == PIN_DRDY_G
-                                                       ? LSM9DS0_CHIP_DRDY_G
-                                                       : LSM9DS0_CHIP_INT2_XM)
+                                                      ? LSM9DS0_CHIP_DRDY_G
+                                                      : LSM9DS0_CHIP_INT2_XM)
                    ? 1
                    : 0;
     case PIN_BUTTON:
