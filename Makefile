@@ -15,7 +15,7 @@ unexport PLATFORMIO_CORE_DIR
 unexport PYTHONDONTWRITEBYTECODE
 # Tests run in several processes: those that load the firmware's C under the address
 # sanitizer, then the others, of which many wait, so that there are more than cores
-# (docs/decisions/0020-plain-pytest.md). C++ that throws has to be there before the
+# (docs/decisions/tests.md). C++ that throws has to be there before the
 # sanitizer, and what that complains of would go down with a process's stderr.
 cores := $(shell nproc)
 log := detect_leaks=0:log_path=$(CURDIR)/build/sanitizer
@@ -98,7 +98,7 @@ firmware: ## image of a board (BOARD=nano, mega, f405, micropython, pico, pico-m
 sim: ## builds the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo
 
-# A gigabyte that nothing else needs: docs/decisions/0028-printed-parts.md.
+# A gigabyte that nothing else needs: docs/decisions/boards.md.
 solids := build/hardware/venv
 $(solids)/ready: hardware/requirements.txt
 	@echo "build123d goes into $(solids): 1 GB"

@@ -144,7 +144,7 @@ def test_pictures_of_the_parts_are_there_and_shown() -> None:
 
 def test_the_pages_have_the_sizes_in_force() -> None:
     build = (ROOT / "docs" / "build.md").read_text("utf-8")
-    plan = (ROOT / "docs" / "testplan.md").read_text("utf-8")
+    plan = (ROOT / "docs" / "check.md").read_text("utf-8")
     for name in BOARDS:
         layout = Layout(name)
         size = (layout.length, layout.width, layout.height)

@@ -56,7 +56,7 @@ def test_a_test_that_is_not_there_is_seen(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        *("README.md", "docs/slicer.md", "docs/page.md", "docs/safety.md"),
+        *("README.md", "docs/ros2.md", "docs/page.md", "docs/safety.md"),
         "host/imud/web/site/aim/reading.js",
     ],
 )

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Proves with Frama-C's Eva that what parses strangers' bytes has no undefined
 behaviour, whatever the bytes are: no access beyond an array, no value that was never
-set, no overflow of signed numbers. docs/proof.md lists the assumptions.
+set, no overflow of signed numbers. docs/limits.md lists the assumptions.
 
 The functions that are proved are called by tests/proof/*.c. Runs again only when one of
 their files has changed, unless --force is given.

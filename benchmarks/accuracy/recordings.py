@@ -241,7 +241,7 @@ def measured(args: argparse.Namespace) -> Report:
     names = args.engines or [e for e in ENGINES if e not in IMAGES or e == args.board]
     absent = [path for path in args.paths if not path.exists()]
     if absent:
-        print(f"skipped: no recordings at {absent[0]}; see docs/motion-files.md")
+        print(f"skipped: no recordings at {absent[0]}; see docs/motions.md")
         sys.exit(0)
     paths = scoring.find_trials(args.paths, args.trials)
     if not paths:

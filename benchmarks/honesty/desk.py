@@ -2,7 +2,7 @@
 """The stated errors of poses where a desk misleads a probe: magnets on it, steel
 and mains near it, slow turns at power-on, cold, and sensors that have died.
 
-The poses are those of the firmware's C on this machine; docs/honesty.md explains the
+The poses are those of the firmware's C on this machine; docs/accuracy.md explains the
 columns.
 """
 

@@ -2,7 +2,7 @@
 """Stated and true errors on simulated motions of good modules, on uneven ground, of
 modules from the shop and with faults, beside VQF's errors.
 
-docs/honesty.md describes the groups and the columns.
+docs/accuracy.md describes the groups and the columns.
 """
 
 from __future__ import annotations

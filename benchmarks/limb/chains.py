@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Joint angles of made chains of five segments at 40 Hz, with probes fixed and on foam:
-docs/limb-methods.md.
+docs/limb.md.
 """
 
 from __future__ import annotations

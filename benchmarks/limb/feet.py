@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Rests and paths of made feet that stroll, walk, jog, run and sprint in curves, with a
-compass and without: docs/limb-methods.md.
+compass and without: docs/limb.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Joint angles and the path of a foot by three virtual probes on a leg:
-docs/limb-methods.md.
+docs/limb.md.
 
 Runs the host build of the filter on the samples that the virtual Nano would read.
 """

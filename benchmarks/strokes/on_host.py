@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """How well strokes are measured: a simulated hand, the firmware's C on this machine.
 
-docs/strokes-methods.md explains the columns. The host computes the strokes of a Nano.
+docs/strokes.md explains the columns. The host computes the strokes of a Nano.
 """
 
 from __future__ import annotations

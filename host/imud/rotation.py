@@ -2,8 +2,8 @@
 """Arrays of unit quaternions: w, x, y, z, Hamilton, `world_from_body`.
 
 Quaternions lie along the last axis of an array and broadcast like numbers; so do angles
-(yaw, pitch, roll, radians: docs/angles.md) and the rows of a matrix. angles_deg() and
-matrix_rows() convert one attitude for display.
+(yaw, pitch, roll, radians: docs/pose-details.md) and the rows of a matrix.
+angles_deg() and matrix_rows() convert one attitude for display.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 Row = tuple[float, float, float]
 Quat = tuple[float, float, float, float]
 
-# Names of the conventions of docs/angles.md.
+# Names of the conventions of docs/pose-details.md.
 Convention = Literal["aerospace", "nautical", "nectec"]
 
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
@@ -164,7 +164,7 @@ class Angles(NamedTuple):
 
 
 def angles_deg(quat: Sequence[float], convention: Convention) -> Angles:
-    """The angles of one unit quaternion in a convention of docs/angles.md."""
+    """The angles of one unit quaternion in a convention of docs/pose-details.md."""
     yaw, pitch, roll = np.degrees(CONVERSIONS[convention](np.array(quat))).tolist()
     return Angles(yaw, pitch, roll)
 

@@ -3,7 +3,7 @@
 95 %, or none is stated; and where nothing is wrong it is not stated for nothing.
 
 Figures in docstrings are errors in degrees, true and stated, over some seeds; "before"
-are those of the filter without the rules that docs/decisions/0002-filter.md has for it.
+are those of the filter without the rules that docs/decisions/filter.md has for it.
 """
 
 from __future__ import annotations

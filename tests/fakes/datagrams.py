@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The probe's end of signed datagrams, written from docs/udp.md."""
+"""The probe's end of signed datagrams, written from docs/micropython.md."""
 
 from __future__ import annotations
 

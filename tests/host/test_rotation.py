@@ -127,7 +127,7 @@ def test_a_dive_to_the_north(
     assert np.allclose(np.degrees(convert(rows)), expected)
 
 
-# Attitudes worked out by hand from docs/angles.md, degrees.
+# Attitudes worked out by hand from docs/pose-details.md, degrees.
 AT_HAND = [
     # Level, x to the east.
     ((1, 0, 0, 0), (0, 0, 0), (90, 0, 0), (0, 0, 0)),

@@ -28,7 +28,7 @@ DOCUMENTS = [
     *sorted((ROOT / "docs").glob("*.md")),
 ]
 SOURCES = sorted((ROOT / "host" / "imud").rglob("*.py"))
-ROOTS = (ROOT, ROOT / "tests")  # docs/faults.md leaves out tests/
+ROOTS = (ROOT, ROOT / "tests")  # docs/limits.md leaves out tests/
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
 TARGETS = set(re.findall(r"^([a-z-]+):.*## ", MAKEFILE, re.M))
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```$", re.M | re.S)

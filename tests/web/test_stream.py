@@ -181,7 +181,7 @@ def test_what_is_no_message_ends_the_stream(served: Served) -> None:
 
 
 def test_the_document_names_every_message() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "stream.md").read_text("utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "subscribe.md").read_text("utf-8")
     for message in BrowserMessage.__args__:
         assert f'"do":"{message.__struct_config__.tag}"' in text, message
     for topic in ("stream", "head", "page", "answer", "login", *TOPICS):

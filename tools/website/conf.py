@@ -15,29 +15,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent.parent
 PICTURES = "docs/pictures"
 
-# Pages as people look for them; each page of docs/ is in one of these.
-TREE = {
-    "Start": ("README", "safety", "install"),
-    "Use": (
-        *("build", "flash", "first-contact", "check", "imud", "page"),
-        *("calibration", "calibration-methods", "testplan"),
-        *("tip", "strokes", "strokes-methods", "limb", "limb-methods", "params"),
-        *("logs", "import", "card", "glossary"),
-    ),
-    "Poses in your program": (
-        *("pose", "status", "since-origin", "subscribe", "languages", "stream", "ros2"),
-        *("slicer", "angles", "clock", "fleet"),
-    ),
-    "Boards": (
-        *("nano", "mega", "f405", "pico", "micropython"),
-        *("udp", "ports", "no-port"),
-    ),
-    "How far to trust it": (
-        *("limits", "accuracy", "honesty", "motions", "faults", "twin"),
-        *("fuse-on-host", "security", "proof"),
-    ),
-    "Develop": ("architecture", "change", "followed", "motion-files"),
-}
+# Its sections, with the pages that they name, are the tables of contents of the site.
+INDEX = ROOT / "docs" / "README.md"
 # Beside docs/.
 OTHERS = (
     *("protocol/PROTOCOL.md", "hardware/README.md", "CONTRIBUTING.md"),
@@ -59,6 +38,7 @@ html_show_sourcelink = False
 html_copy_source = False
 html_last_updated_fmt = None
 html_theme_options = {"navigation_with_keys": True}
+html_search_scorer = "scorer.js"
 html_sidebars = {
     "**": [
         *("sidebar/brand.html", "sidebar/search.html", "sidebar/scroll-start.html"),
@@ -84,15 +64,18 @@ def add_tree(_app: Any, name: str, source: list[str]) -> None:
 
 
 def tree() -> Iterator[str]:
-    for title, names in TREE.items():
-        files = [f"docs/{name}" for name in names]
+    listed: set[Path] = set()
+    for section in INDEX.read_text("utf-8").split("\n## ")[1:]:
+        title = section.partition("\n")[0]
+        links = re.findall(r"\]\(([\w./-]+\.md)\)", section)
+        paths = [INDEX, *((INDEX.parent / link).resolve() for link in links)]
         if title == "Develop":
-            files += [name.removesuffix(".md") for name in OTHERS]
-            files.append("docs/decisions/README")
-            decisions = sorted((ROOT / "docs" / "decisions").glob("0*.md"))
-            files += [f"docs/decisions/{path.stem}" for path in decisions]
-        listed = "\n".join(files)
-        yield f"\n```{{toctree}}\n:caption: {title}\n:hidden:\n\n{listed}\n```\n"
+            paths += [ROOT / name for name in OTHERS]
+        paths = [path for path in dict.fromkeys(paths) if path not in listed]
+        listed.update(paths)
+        files = "\n".join(str(path.relative_to(ROOT).with_suffix("")) for path in paths)
+        if files:
+            yield f"\n```{{toctree}}\n:caption: {title}\n:hidden:\n\n{files}\n```\n"
 
 
 def finish(app: Any, error: Exception | None) -> None:

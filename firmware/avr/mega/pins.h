@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What is wired where on an Arduino Mega 2560 (docs/mega.md), and its clock. Read by
+// What is wired where on an Arduino Mega 2560 (docs/nano.md), and its clock. Read by
 // the assembler too.
 //
 // Sections are those of the ATmega2560's data sheet (DS40002211).

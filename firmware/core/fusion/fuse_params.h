@@ -6,7 +6,7 @@
 //
 // "VQF" is a default of Laidig and Seel 2023, table 1. "Fitted" was chosen on
 // recordings and simulated motions whose truth is known
-// (docs/decisions/0002-filter.md). The others follow from data sheets or keep numbers
+// (docs/decisions/filter.md). The others follow from data sheets or keep numbers
 // in range.
 #ifndef FUSE_PARAMS_H
 #define FUSE_PARAMS_H

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // A quaternion as three angles, for displays and for programs that want them: at the
-// edge, nothing in the flow computes with them. docs/angles.md has the conventions side
-// by side. As a matrix, and back: quat_to_rows() and quat_from_rows() of
-// paper_filter.h.
+// edge, nothing in the flow computes with them. docs/pose-details.md has the
+// conventions side by side. As a matrix, and back: quat_to_rows() and quat_from_rows()
+// of paper_filter.h.
 #ifndef EULER_H
 #define EULER_H
 

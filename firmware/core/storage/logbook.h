@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Recordings on a card: finds the file that was prepared for them (docs/card.md), finds
+// Recordings on a card: finds the file that was prepared for them (docs/f405.md), finds
 // where the last one ends, and writes frames behind it in blocks of their own checksum.
 //
 // For the board that joins it to the probe:

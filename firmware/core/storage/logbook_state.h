@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Shared by the files of the logbook: its phases, the bytes of a block (docs/card.md),
+// Shared by the files of the logbook: its phases, the bytes of a block (docs/f405.md),
 // what the card is asked for and what is told of it. Private to the logbook.
 #ifndef LOGBOOK_STATE_H
 #define LOGBOOK_STATE_H

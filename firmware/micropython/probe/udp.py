@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A wire of signed datagrams to a daemon, over Wi-Fi or Ethernet: docs/udp.md."""
+"""A wire of signed datagrams to a daemon, over Wi-Fi: docs/micropython.md."""
 
 import os
 import select

@@ -1,4 +1,4 @@
 # SPDX-License-Identifier: MIT
 """Calibration: readings go in; what turns them into true vectors, and how good that is,
-come out. No I/O. docs/calibration-methods.md explains the method.
+come out. No I/O. docs/calibration.md explains the method.
 """

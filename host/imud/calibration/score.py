@@ -24,7 +24,7 @@ from imud.rotation import FloatArray
 # times, and of the heading's one-sigma error. On 1,259 simulated recordings of all
 # kinds none that is accepted is off by over 0.5 of tilt or 3 of heading, and 7 % of the
 # good ones are refused though their users lay what the guide asks for
-# (docs/calibration-methods.md).
+# (docs/calibration.md).
 TILT_LIMIT_MAX_DEG = 1.0
 HEADING_MAX_DEG = 2.5
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """PROBE.LOG, the log area of a card: finds its recordings and their bytes. The format
-is in docs/card.md. Nothing here writes to a card.
+is in docs/f405.md. Nothing here writes to a card.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
         "convert recordings of other programs to a log: CSV, npz, Parquet, ROS bags",
         "imud import walk.csv --map acc=ax,ay,az --unit gyr=deg/s --axes mag=y,x,-z",
         "Columns and units that you don't name are guessed from column names and "
-        "plausible values, and shown: docs/import.md. Commands that take a log also "
+        "plausible values, and shown: docs/logs.md. Commands that take a log also "
         "take such a file if it needs no options.",
     )
     parser.add_argument(

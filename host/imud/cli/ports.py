@@ -22,7 +22,7 @@ SERVICE_SETTINGS = Path("/etc/imud.toml")
 ROOT = Path("/")
 
 NONE = """\
-no serial port; docs/no-port.md lists the usual causes: a cable without data \
+no serial port; docs/connect.md lists the usual causes: a cable without data \
 wires, brltty, a group
 """
 

@@ -27,7 +27,7 @@ PIPE_S = 1.0
 # Seconds without a pose until a hint is shown.
 HINT_S = 3.0
 
-# A convention of docs/angles.md, or the rotation matrix.
+# A convention of docs/pose-details.md, or the rotation matrix.
 Shape = rotation.Convention | Literal["matrix"]
 
 _HEADER = struct.Struct(schema.HEADER)

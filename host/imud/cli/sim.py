@@ -101,7 +101,7 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         type=Path,
         help="motion from this recording: a log or another file with raw samples, "
-        "whose params the probe gets as well; .npz, .csv (docs/motion-files.md); -: "
+        "whose params the probe gets as well; .npz, .csv (docs/motions.md); -: "
         "stdin",
     )
     parser.add_argument(

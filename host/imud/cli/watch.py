@@ -38,7 +38,7 @@ def _add_listen(commands: Commands) -> None:
         "print poses as they arrive over the network",
         "imud listen --seconds 10 --angles aerospace",
         "Columns: yaw, pitch and roll, 1-sigma errors of tilt and heading (all in "
-        "degrees), poses per second, flags. docs/angles.md defines the angles.",
+        "degrees), poses per second, flags. docs/pose-details.md defines the angles.",
     )
     add_probe(listen)
     listen.add_argument(

@@ -58,7 +58,7 @@ class Pose(Numbered, frozen=True, kw_only=True):
 
     def angles(self, convention: rotation.Convention) -> rotation.Angles:
         """Yaw, pitch and roll in degrees, as a named tuple, in a convention of
-        docs/angles.md: yaw and roll in [-180, 180), pitch in [-90, 90].
+        docs/pose-details.md: yaw and roll in [-180, 180), pitch in [-90, 90].
         """
         return rotation.angles_deg(self.q, convention)
 

@@ -19,7 +19,7 @@ OF_SENSOR = frozenset({"bus_fault", "sensor_fault"})
 
 @dataclass(frozen=True, slots=True)
 class _Wiring:
-    """How a board's sensor is connected: docs/nano.md, mega.md, f405.md, pico.md."""
+    """How a board's sensor is connected: docs/nano.md, f405.md, pico.md."""
 
     address: str
     lines: str  # to check if nobody answers

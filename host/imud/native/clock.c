@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // _core.Rising and _core.Line: what the clocks of probes and host are asked for each
-// message. probes/clock.py and timeline.py estimate; docs/clock.md has the arithmetic.
+// message. probes/clock.py and timeline.py estimate: docs/pose-details.md.
 #include "module.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // _core.estimate: a clock from upper and lower bounds of its host times.
-// probes/clock.py keeps the bounds; docs/clock.md has the arithmetic.
+// probes/clock.py keeps the bounds; docs/pose-details.md explains how.
 #include "module.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """USB chips and boards of serial ports: the one table that code, the udev rule and
-docs/ports.md are made from.
+docs/connect.md are made from.
 
 An id identifies a chip, not its use: a CH340 may be a probe's or a modem's. Only a
 product's name that we give ourselves is ours alone.
@@ -101,7 +101,7 @@ def is_ours_alone(port: Listed) -> bool:
 
 
 def table() -> str:
-    """The table of docs/ports.md, in Markdown."""
+    """The table of docs/connect.md, in Markdown."""
     rows = ["| USB id | chip or board | left alone by ModemManager |", "|---|---|---|"]
     for a in ADAPTERS:
         when = "yes" if a.is_board else "once adopted"

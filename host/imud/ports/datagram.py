@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Signed datagrams between a probe and the daemon; docs/udp.md has their layout and
-what they protect from. No I/O.
+"""Signed datagrams between a probe and the daemon; docs/micropython.md has their
+layout and what they protect from. No I/O.
 
 Both ends know a key. A hello of the probe and a welcome of the daemon carry a random
 number each, from which both derive the key of a session. Every datagram has a signature

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Probes that send signed datagrams: one socket, and a port for each probe with a key.
 
-What is refused is counted and never answered; docs/udp.md says why.
+What is refused is counted and never answered; docs/micropython.md says why.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ argument, in us of the device and ns of `timeline.host_ns`.
 A message arrives after it was made, and a command is heard after it was written: each
 arrival is an upper bound of the host's time at a device time, each command with a reply
 a lower bound. The estimate is between them, and its bound reaches to both. A late
-message adds little and spoils nothing. docs/clock.md has the arithmetic.
+message adds little and spoils nothing. docs/pose-details.md explains how.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 
 Stamps are in UTC that never runs backwards, but where the host's clock is set back by
 far: there a new timeline begins.
-docs/clock.md has the arithmetic.
+docs/pose-details.md explains how.
 """
 
 from __future__ import annotations

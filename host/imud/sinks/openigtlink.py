@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Serves poses to 3D Slicer and PLUS by OpenIGTLink: docs/slicer.md."""
+"""Serves poses to 3D Slicer and PLUS by OpenIGTLink: docs/ros2.md."""
 
 from __future__ import annotations
 

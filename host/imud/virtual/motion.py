@@ -3,7 +3,7 @@
 reaches the simulator.
 
 A motion is a series of records at a constant rate, each with the angular rate, the
-specific force and the magnetic field in the sensor's frame. `docs/motion-files.md`
+specific force and the magnetic field in the sensor's frame. `docs/motions.md`
 describes the formats: .npz, .csv, and the simulator's binary stream.
 """
 

@@ -48,7 +48,7 @@ WRITING_S = 30.0  # to wait for its end: a board may be half written
 # The user named for the commands of a guided calibration, and of an update.
 BY_GUIDE = "page"
 
-# The version changes with what would break a program: docs/stream.md.
+# The version changes with what would break a program: docs/subscribe.md.
 STREAM_VERSION = 1
 STREAM_HEAD = msgspec.json.encode(
     {

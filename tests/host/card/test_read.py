@@ -198,7 +198,7 @@ def test_decode_tells_of_a_card_and_of_its_logs_the_same(
 
 def test_the_reader_in_the_docs_reads_it_too(tmp_path: Path, root: Path) -> None:
     (script,) = re.findall(
-        r"```python\n(.*?)```", (root / "docs" / "card.md").read_text(), re.DOTALL
+        r"```python\n(.*?)```", (root / "docs" / "f405.md").read_text(), re.DOTALL
     )
     tapes = [tape(contents_of(FakeProbe(), count)) for count in (90, 60)]
     bare(tmp_path, laid(tapes, 0x1234))

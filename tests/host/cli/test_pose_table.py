@@ -95,7 +95,7 @@ def test_missing_numbers_are_counted_and_a_restart_is_none() -> None:
 
 
 HALF = 0.5**0.5
-# x to the north and 60 degrees down: docs/angles.md has its angles.
+# x to the north and 60 degrees down: docs/pose-details.md has its angles.
 DIVE = (0.75**0.5 * HALF, -0.5 * HALF, 0.5 * HALF, 0.75**0.5 * HALF)
 
 

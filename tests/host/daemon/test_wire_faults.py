@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Wires that are pulled, boards that reset, daemons that start twice: what was lost is
-on record, and poses are back in under 2 s. The figures of docs/faults.md are the
+on record, and poses are back in under 2 s. The figures of docs/limits.md are the
 properties that these tests record: pytest -o junit_family=xunit1 --junitxml FILE.
 """
 

@@ -14,7 +14,7 @@ from imud import _core
 from imud.probes.clock import DRIFT_MAX
 
 FAR = 2**63 - 1
-RATE_MAX = 0.02  # as docs/clock.md has it
+RATE_MAX = 0.02  # as docs/pose-details.md has it
 
 
 def test_nothing_is_known_before_the_first_turn() -> None:

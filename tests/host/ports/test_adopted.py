@@ -253,7 +253,7 @@ def test_why_a_port_is_opened_or_not_is_said_of_each(tmp_path: Path) -> None:
 
 
 def test_the_table_of_adapters_is_that_of_the_documents() -> None:
-    assert table() in (ROOT / "docs" / "ports.md").read_text("utf-8"), table()
+    assert table() in (ROOT / "docs" / "connect.md").read_text("utf-8"), table()
     ids = [adapter.usb_id for adapter in ADAPTERS]
     assert len(set(ids)) == len(ids)
 

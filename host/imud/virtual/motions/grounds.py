@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Groups of simulated motions that show whether stated errors are true: good modules in
-use, uneven fields, modules from the shop, and faults. docs/honesty.md lists them.
+use, uneven fields, modules from the shop, and faults. docs/accuracy.md lists them.
 
 Even seeds are for tuning, odd ones for judging.
 """

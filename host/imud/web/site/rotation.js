@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
 // Unit quaternions w, x, y, z, Hamilton, world_from_body, and angles in degrees: the same
-// definitions as in docs/angles.md and imud/rotation.py.
+// definitions as in docs/pose-details.md and imud/rotation.py.
 
 /** @typedef {readonly [number, number, number, number]} Quat */
 /** @typedef {readonly [number, number, number]} Vector */

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// The convention of angles (docs/angles.md) that this browser's user prefers.
+// The convention of angles (docs/pose-details.md) that this browser's user prefers.
 
 import { keep, kept, make } from "../dom.js";
 import { CONVENTIONS } from "../rotation.js";
