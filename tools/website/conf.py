@@ -38,7 +38,7 @@ html_show_sourcelink = False
 html_copy_source = False
 html_last_updated_fmt = None
 html_theme_options = {"navigation_with_keys": True}
-html_search_scorer = "scorer.js"
+html_search_scorer = str(ROOT / "tools" / "website" / "scorer.js")
 html_sidebars = {
     "**": [
         *("sidebar/brand.html", "sidebar/search.html", "sidebar/scroll-start.html"),

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 // How the search orders pages: by the scores of Sphinx, with guides before pages that
 // say why and when.
-"use strict";
-
 const LATER = /^(docs\/decisions\/|CHANGELOG|CONTRIBUTING)/;
 
 var Scorer = {
