@@ -9,6 +9,6 @@ CFLAGS += -O1 -I$(CHIPS)
 LIB := -lm
 BOARD_O := $(CHIP_C:%.c=$(BUILD)/chips/%.o)
 
-$(BUILD)/chips/%.o: $(CHIPS)/%.c
+$(BUILD)/chips/%.o: $(CHIPS)/%.c $(wildcard $(CHIPS)/*.h $(CHIPS)/*/*.h)
 	$(Q)$(MKDIR) -p $(@D)
 	$(Q)$(CC) $(CFLAGS) -I$(CHIPS) -c -o $@ $<
