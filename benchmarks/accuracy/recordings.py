@@ -179,12 +179,12 @@ def figures(results: Sequence[Result]) -> Iterator[Figure]:
 def of_images(results: Sequence[Result]) -> Iterator[Figure]:
     """What must not be."""
     poses = sum(each.poses for each in results)
-    for name, detail in (
-        ("unequal", f"poses of {poses} have other bits than the C on this machine"),
-        ("lost", "samples and messages"),
-        ("crashed", "images"),
+    for name, counts, detail in (
+        ("poses of other bits than here", "unequal", f"of {poses}"),
+        ("samples and messages lost", "lost", ""),
+        ("images that crashed", "crashed", f"of {len(results)}"),
     ):
-        count = sum(getattr(each, name) for each in results)
+        count = sum(getattr(each, counts) for each in results)
         yield Figure(name, count, (0, 0), (0, 0), detail)
 
 
