@@ -10,13 +10,15 @@ import pytest
 
 import native
 from sim.chips import sensor_desk
-from sim.chips.sensor_desk import ACC, GYR, StDesk
+from sim.chips.sensor_desk import StDesk
 
 IMU = 0x6A
 HZ = [6667 / 2**n for n in range(9, -1, -1)]  # by the codes of ODR, from 1 on
 
 ffi, lib = native.load()
 recorder = functools.partial(sensor_desk.recorder, ffi)
+
+GYR, ACC = sensor_desk.GYR, sensor_desk.ACC
 
 # Of each sensor: first output register, its bit of STATUS_REG, register of its rate.
 PLACES = {GYR: (0x22, 0x02, 0x11), ACC: (0x28, 0x01, 0x10)}

@@ -10,13 +10,15 @@ import pytest
 
 import native
 from sim.chips import sensor_desk
-from sim.chips.sensor_desk import ACC, GYR, MAG, StDesk
+from sim.chips.sensor_desk import StDesk
 
 G, XM = 0x6B, 0x1D
 ON = StDesk.ON
 
 ffi, lib = native.load()
 recorder = functools.partial(sensor_desk.recorder, ffi)
+
+GYR, ACC, MAG = sensor_desk.GYR, sensor_desk.ACC, sensor_desk.MAG
 
 DRDY_G = lib.LSM9DS0_CHIP_DRDY_G
 INT1, INT2 = lib.LSM9DS0_CHIP_INT1_XM, lib.LSM9DS0_CHIP_INT2_XM

@@ -70,10 +70,10 @@ class Sensor:
         return data
 
 
-@pytest.fixture(params=SENSORS.values(), ids=SENSORS)
+@pytest.fixture(params=SENSORS)
 def sensor(request: pytest.FixtureRequest) -> Iterator[Sensor]:
     """A running sensor. Fails a test that used it against the documents."""
-    sensor = Sensor(request.param)
+    sensor = Sensor(SENSORS[request.param])
     yield sensor
     assert sensor.chip.complaint() is None
 
@@ -145,10 +145,8 @@ ERRORS = {
 @pytest.mark.parametrize("name", SENSORS)
 @pytest.mark.parametrize("ppm", [-10_000.0, 250.0, 10_000.0])
 def test_a_rate_error_adds_up_without_drift(name: str, ppm: float) -> None:
-    right, wrong = (
-        Sensor(SENSORS[name], **{ERRORS.get(name, "rate_error_ppm"): error})
-        for error in (0.0, ppm)
-    )
+    config: dict[str, Any] = {ERRORS.get(name, "rate_error_ppm"): ppm}
+    right, wrong = Sensor(SENSORS[name]), Sensor(SENSORS[name], **config)
     count = 4000
     spans = [
         -each.sample() + each.chip.times(each.quantity, count)[-1]

@@ -7,7 +7,6 @@ import functools
 import json
 import subprocess
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,7 +55,8 @@ class Board:
 
     def _run(self, code: int, image: Path | None, *more: str | Path) -> str:
         emulator = images.emulators() / self.name
-        words = [emulator, "--image", image or self.image, *self.options, *more]
+        words: list[str | Path] = [emulator, "--image", image or self.image]
+        words += [*self.options, *more]
         done = subprocess.run(
             words, capture_output=True, text=True, check=False, timeout=100
         )
@@ -65,7 +65,7 @@ class Board:
 
     def symbols(self) -> dict[str, tuple[int, int]]:
         """The addresses at which each function starts and ends."""
-        words = [f"{self.tools}-nm", "-S", self.image]
+        words: list[str | Path] = [f"{self.tools}-nm", "-S", self.image]
         output = subprocess.run(words, capture_output=True, text=True, check=True)
         rows = [line.split() for line in output.stdout.splitlines()]
         return {
@@ -118,7 +118,7 @@ def board(request: pytest.FixtureRequest) -> Board:
 
 
 @pytest.fixture
-def profile(board: Board) -> Iterator[Any]:
+def profile(board: Board) -> Any:
     return board.profiled
 
 
