@@ -2,8 +2,9 @@
 """Builds MicroPython with the probe inside: `host`, a program for tests, `pyboard`, the
 image that build/sim/f405 runs, and `plain`, the same without use of the C module. They
 go to build/micropython. A file of any name is the main.py of another such image, called
-by its stem. `check` compiles the package for every processor, and checks its calls of
-MicroPython by the stubs of PyPI.
+by its stem; FILE_plain.py, which need not exist, is FILE.py with `plain=True`. `check`
+compiles the package for every processor, and checks its calls of MicroPython by the
+stubs of PyPI.
 
 The sources are those of a package of PyPI, pinned by version and hash.
 """
@@ -41,6 +42,7 @@ STUBS = (
 ARCH = "armv7emsp"
 ARCHS = (ARCH, "armv6m", "xtensawin")
 MAINS = OWN / "port" / "pyboard"
+PLAIN = "_plain"
 IMAGES = {"pyboard": MAINS / "main.py", "plain": MAINS / "plain.py"}
 
 
@@ -58,8 +60,10 @@ def main() -> None:
                 check()
             elif target == "host":
                 make("host", "micropython")
-            elif target in IMAGES or Path(target).is_file():
-                image(Path(IMAGES.get(target, target)))
+            elif (main_file := Path(IMAGES.get(target, target))).is_file():
+                image(main_file)
+            elif with_module(main_file).is_file():
+                image(without_module(main_file))
             else:
                 parser.error(f"there is no {target}")
 
@@ -95,6 +99,24 @@ def forget_other_sources(folder: Path, board: str) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         stamp.write_text(names)
+
+
+def with_module(main_file: Path) -> Path:
+    """The FILE.py of FILE_plain.py."""
+    return main_file.with_name(f"{main_file.stem.removesuffix(PLAIN)}.py")
+
+
+def without_module(main_file: Path) -> Path:
+    """Write FILE_plain.py, which calls run() as FILE.py does but without the module."""
+    text = with_module(main_file).read_text()
+    if "storage=f405," not in text:
+        sys.exit(f"{with_module(main_file)} has no line for plain=True to follow")
+    made = BUILD / "rom" / main_file.name
+    made.parent.mkdir(exist_ok=True)
+    fresh = text.replace("    storage=f405,\n", "    storage=f405,\n    plain=True,\n")
+    if not made.exists() or made.read_text() != fresh:
+        made.write_text(fresh)
+    return made
 
 
 def image(main_file: Path) -> Path:
