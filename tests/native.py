@@ -40,7 +40,7 @@ OWN = (Path(__file__), Path(__file__).with_name("prototypes.py"))
 BESIDE = (
     *("firmware/generic/bus_recovery", "firmware/generic/identity"),
     *("firmware/generic/journal", "sim/run/motion"),
-    *("tests/core/loops", "tests/generic/lines", "tests/stm32/bits"),
+    *("tests/core/loops", "tests/generic/lines"),
 )
 BESIDE_HEADERS = ("firmware/generic/slots.h",)
 

@@ -6,7 +6,6 @@
 
 #include <string.h>
 
-#include "bits.h"
 #include "break_down.h"
 #include "core/wire/messages.h"
 #include "stm32/pins.h"
@@ -337,20 +336,6 @@ static void tell_id(void) {
     end_line();
 }
 
-// 3000 samples through each filter.
-static void digest_all(void) {
-    for (int32_t filter = FILTER_FUSE; filter <= FILTER_DCM_PI; filter++) {
-        bits_begin(filter);
-        for (uint16_t i = 0; i < 3000; i++) {
-            bits_step();
-            board_watchdog_kick();
-        }
-        put("digest");
-        put_word(bits_digest());
-        end_line();
-    }
-}
-
 static void start_sampling(const struct bus_burst *bursts, uint8_t count) {
     board_sampling_start(bursts, count);
     say("started");
@@ -418,9 +403,6 @@ static void obey(char letter) {
         break;
     case 'k':
         look_at_storage();
-        break;
-    case 'h':
-        digest_all();
         break;
     case 'i':
         tell_id();

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-import native
 from letters import OK, STUCK, TIMEOUT, Board
 from stm32.starts import addresses, places, starts
 
@@ -217,20 +216,6 @@ def test_what_is_stored_is_there_after_a_power_cut(
     assert board((100, "k"), seconds=0.2, flash=flash).numbers("holds") == [
         [100 * 7 % 256, 119 * 7 % 256]
     ]
-
-
-def test_every_filter_gives_the_bits_of_the_host_with_and_without_the_fpu(
-    board: Board,
-) -> None:
-    _, lib = native.load()
-    digests = []
-    for kind in range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1):
-        lib.bits_begin(kind)
-        for _ in range(3000):
-            lib.bits_step()
-        digests.append([f"{lib.bits_digest():08x}"])
-    assert len(set(map(tuple, digests))) == 5, "each filter has its own"
-    assert board((100, "h"), seconds=3).words("digest") == digests
 
 
 def test_the_id_is_one_and_the_same_at_each_start(board: Board) -> None:

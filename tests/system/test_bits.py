@@ -19,6 +19,7 @@ from bits.processors import PROCESSORS, computed, has_sensor, replayed
 from fakes import FakeProbe
 from fakes.records import any_records, parts_of
 from imud.virtual import motion, sensors
+from imud.wire import schema
 from imud.wire.messages import Message, decode, encode
 from imud.wire.params import digest_of
 from length import choose
@@ -92,9 +93,11 @@ def test_a_log_of_poses_has_one_hash_on_every_processor(
     assert digest(poses) == digest(reference)
 
 
-def under_params(contents: Sequence[bytes], seed: int) -> list[bytes]:
-    """The log of a probe with random params, which change every second: the filter then
-    restarts with them.
+def under_params(
+    contents: Sequence[bytes], seed: int, filters: Sequence[int]
+) -> list[bytes]:
+    """The log of a probe with random params, which change every second: a filter, each
+    of `filters` in turn, then starts with them.
     """
     changed: list[bytes] = []
     is_begun = False
@@ -115,7 +118,8 @@ def under_params(contents: Sequence[bytes], seed: int) -> list[bytes]:
             records = any_records(seed)
             detail = digest_of(records) - ((digest_of(records) >> 31) << 32)
             changed += params_messages(records, *at)
-            for event, number in (("params_changed", detail), ("restarted", 1)):
+            kind = filters[seed % len(filters)]
+            for event, number in (("params_changed", detail), ("restarted", kind)):
                 values = {"event": event, "cause": "command", "detail": number}
                 changed.append(encode("event", values, *at))
             due_us += PARAMS_US
@@ -131,24 +135,16 @@ def params_messages(records: bytes, sequence: int, time_us: int) -> Iterator[byt
     )
 
 
-@pytest.fixture(scope="module")
-def calibrated(log: Run) -> tuple[list[bytes], list[bytes]]:
-    """The log under random params, and the poses that the host gives for it."""
-    contents = under_params(log.contents, seed=len(log.contents))
-    return contents, list(replayed(contents))
-
-
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("processor", NAMES)
-def test_any_params_give_one_hash_on_every_processor(
-    log: Run,
-    calibrated: tuple[list[bytes], list[bytes]],
-    processor: str,
-    tmp_path: Path,
+def test_any_params_and_filter_give_one_hash_on_every_processor(
+    log: Run, processor: str, tmp_path: Path
 ) -> None:
-    contents, reference = calibrated
-    plain = list(replayed(log.contents))
+    # A Nano has room for one filter.
+    filters = [1] if processor == "atmega328p" else [*schema.Filter][1:]
+    contents = under_params(log.contents, len(log.contents), filters)
+    reference, plain = list(replayed(contents)), list(replayed(log.contents))
     assert len(plain) == len(reference)
     assert plain != reference
     poses = computed(processor, contents, tmp_path)
