@@ -8,6 +8,8 @@ from typing_extensions import Buffer
 
 CONTENT_MAX: Final[int]  # bytes a frame can carry
 HELLO_SEED: Final[int]  # the CRC seed of a hello, the same for all schemas
+TILT_FLOOR_DEG: Final[float]  # of the stated tilt
+LEVEL_SIGMA_G: Final[float]  # of an uncalibrated accelerometer, as a share of gravity
 SOURCES: Final[str]  # SHA-256 of what it was built of: checkout.py
 
 class FrameStats(TypedDict):

@@ -29,7 +29,7 @@ TILT_LIMIT_MAX_DEG = 1.0
 HEADING_MAX_DEG = 2.5
 
 RARE = 2.576  # sigmas of a normal variable that is beyond it once in 200 times
-TILT_FLOOR_DEG = 0.05  # an error that no residual shows
+HIDDEN_TILT_DEG = 0.05  # an error that no residual shows
 UNKNOWN_TILT_DEG = 2.0  # of an uncalibrated accelerometer
 TILT_TO_HEADING = 1.5  # a tilt error turns the heading by this times itself, dip 65
 
@@ -87,7 +87,7 @@ def tilt_errors(fit: AccFit) -> tuple[float, float]:
     spread_of = 2.0 / (9.0 * freedom)
     rare = mean * (1.0 - spread_of + RARE * math.sqrt(spread_of)) ** 3
     degrees = [fit.chi * math.degrees(math.sqrt(each)) for each in (mean, rare)]
-    usual, limit = (math.hypot(TILT_FLOOR_DEG, each) for each in degrees)
+    usual, limit = (math.hypot(HIDDEN_TILT_DEG, each) for each in degrees)
     return usual, limit
 
 

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "core/fusion/fuse_params.h"
 #include "core/wire/frame.h"
 
 // Whether a CRC seed or a message id is in its range; sets ValueError if not.
@@ -250,6 +251,16 @@ static int add_type(PyObject *module, const char *name, PyType_Spec *spec) {
     return failed;
 }
 
+static int add_number(PyObject *module, const char *name, double value) {
+    PyObject *number = PyFloat_FromDouble(value);
+    if (number == NULL) {
+        return -1;
+    }
+    const int failed = PyModule_AddObjectRef(module, name, number);
+    Py_DECREF(number);
+    return failed;
+}
+
 static int core_exec(PyObject *module) {
     return add_type(module, "FrameDecoder", &decoder_spec) != 0 ||
                    add_type(module, "Calibrator", &calibrator_spec) != 0 ||
@@ -260,6 +271,8 @@ static int core_exec(PyObject *module) {
                    add_type(module, "Rising", &rising_spec) != 0 ||
                    PyModule_AddIntConstant(module, "CONTENT_MAX", FRAME_CONTENT_MAX) ||
                    PyModule_AddIntConstant(module, "HELLO_SEED", FRAME_HELLO_SEED) ||
+                   add_number(module, "TILT_FLOOR_DEG", FUSE_TILT_FLOOR_DEG) != 0 ||
+                   add_number(module, "LEVEL_SIGMA_G", FUSE_LEVEL_SIGMA_G) != 0 ||
                    PyModule_AddStringConstant(module, "SOURCES", IMUD_SOURCES)
                ? -1
                : 0;

@@ -10,11 +10,11 @@ import math
 
 import msgspec
 
+from imud._core import LEVEL_SIGMA_G, TILT_FLOOR_DEG
 from imud.gravity import GRAVITY_M_S2
 from imud.wire.params import parts_of
 
-TILT_FLOOR_DEG = 0.38  # of the stated tilt: FUSE_TILT_FLOOR_DEG in fuse_params.h
-LEVEL_MAX_RAD = 0.06  # of the stated tilt, the most by the accelerometer
+LEVEL_MAX_RAD = LEVEL_SIGMA_G  # of the stated tilt, the most by the accelerometer
 
 # Where the params do not tell how good a calibration is.
 GYR_UNKNOWN = 0.01  # share of the rate

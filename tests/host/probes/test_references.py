@@ -6,7 +6,6 @@ void, and what they do not depend on.
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ import pytest
 from imud import rotation
 from imud.params.trusted import known_to
 from imud.params.value import Params
-from imud.probes import relative_error
 from imud.probes.references import CAPTURES_MAX, References, SinceErrors
 from imud.probes.relative_error import Quality, quality_of
 
@@ -317,11 +315,3 @@ def test_what_the_params_do_not_tell_is_taken_for_bad() -> None:
     assert known.acc_deg == pytest.approx(math.degrees(0.007 / 9.80665), rel=1e-3)
     for name in ("gyr_share", "mag_deg", "acc_deg", "level2_deg2"):
         assert getattr(unknown, name) > getattr(known, name)
-
-
-def test_the_floor_of_the_tilt_is_the_firmwares() -> None:
-    text = (ROOT / "firmware/core/fusion/fuse_params.h").read_text("utf-8")
-    (floor,) = re.findall(r"#define FUSE_TILT_FLOOR_DEG ([\d.]+)", text)
-    (level,) = re.findall(r"#define FUSE_LEVEL_SIGMA_G ([\d.]+)", text)
-    assert float(floor) == relative_error.TILT_FLOOR_DEG
-    assert float(level) == relative_error.LEVEL_MAX_RAD
