@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import native
+from core.sensor_desk import Clock
 
 ffi, lib = native.load()
 Triple = tuple[float, float, float]
@@ -21,28 +22,6 @@ GYR_HZ = {0x50: 208}  # CTRL2_G, DS table 48
 G_LSB = {0x00: 0.061e-3, 0x04: 0.488e-3, 0x08: 0.122e-3, 0x0C: 0.244e-3}
 DPS_LSB = {0x00: 0.00875, 0x04: 0.0175, 0x08: 0.035, 0x0C: 0.07}
 GAUSS_LSB = {0x00: 1 / 6842, 0x20: 1 / 3421, 0x40: 1 / 2281, 0x60: 1 / 1711}
-
-
-class Clock:
-    """Measures at a rate; data are ready until they are read."""
-
-    def __init__(self) -> None:
-        self.hz = 0.0
-        self.begun_us = 0.0
-        self.seen = 0
-        self.is_silent = False
-
-    def run(self, hz: float, now_us: float) -> None:
-        if hz != self.hz:
-            self.hz, self.begun_us, self.seen = hz, now_us, 0
-
-    def made(self, now_us: float) -> int:
-        if self.is_silent or not self.hz:
-            return 0
-        return int((now_us - self.begun_us) * self.hz / 1e6 + 1e-6)
-
-    def next_us(self) -> float:
-        return self.begun_us + (self.seen + 1) * 1e6 / self.hz
 
 
 def words(values: tuple[float, ...]) -> bytes:

@@ -7,51 +7,18 @@ from __future__ import annotations
 from typing import Any
 
 from core.joined_chip import Chips, ffi, lib
-from core.sensor_desk import SensorBench, axes
+from core.sensor_desk import RegisterBench, axes
 
 
-class Bench(SensorBench):
-    """The driver with chips that have `read`, `write` and a settable `now_us`."""
+class Bench(RegisterBench):
+    """The driver with its chips."""
 
     def __init__(
         self, chips: Any = None, start_us: int = 0, config: Any = None
     ) -> None:
-        self.chips = chips or Chips()
         self.config = config or ffi.addressof(lib.adafruit_4517)
         driver = ffi.new("struct joined *", {"config": self.config})
-        super().__init__(ffi, lib, driver, self.chips.read, self.chips.write, start_us)
-
-    @property
-    def clock_ns(self) -> int:
-        return int(self.chips.now_us * 1000)
-
-    def let_pass(self, us: int) -> None:
-        self.chips.now_us += us
-
-    @property
-    def bursts(self) -> list[tuple[int, int, int]]:
-        return [burst for burst in super().bursts if burst[2] > 0]
-
-    def take(self) -> bytes:
-        """Read the bursts that the next data-ready edge starts."""
-        self.chips.await_edge()
-        taken = b""
-        for address, reg, length in self.bursts:
-            data = ffi.new("uint8_t[]", length)
-            assert self.chips.read(None, address, reg, data, length) == lib.BUS_OK
-            taken += bytes(data)
-        return taken
-
-    def is_refused(self, data: bytes) -> bool:
-        out = ffi.new("struct sample *")
-        ffi.memmove(out, b"\xa5" * ffi.sizeof(out[0]), ffi.sizeof(out[0]))
-        if lib.joined_parse(self.driver, data, 0, out):
-            return False
-        assert set(bytes(ffi.buffer(out))) == {0xA5}, "written all the same"
-        return True
-
-    def sample(self) -> Any:
-        return self.parse(self.take())
+        super().__init__(ffi, lib, driver, chips or Chips(), start_us)
 
     def field(self) -> tuple[int, int, int]:
         """The next field that arrives."""

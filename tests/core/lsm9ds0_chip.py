@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 import native
+from core.sensor_desk import Clock
 
 ffi, lib = native.load()
 Triple = tuple[float, float, float]
@@ -26,32 +27,13 @@ ACC_HZ = {0x80: 400, 0x90: 800, 0xA0: 1600}  # CTRL_REG1_XM, AODR
 MAG_HZ = {0x10: 50, 0x14: 100}  # CTRL_REG5_XM, M_ODR
 
 
-class Sensor:
-    """One of the three: a clock that measures, data that are ready and overwritten."""
+class Sensor(Clock):
+    """One of the three: data that are overwritten unread are told."""
 
     def __init__(self, status: int) -> None:
+        super().__init__()
         self.status = status  # register; the axes follow
-        self.hz = 0.0  # 0: off
-        self.error = 1.0  # of its clock
-        self.begun_us = 0.0
-        self.seen = 0  # measurements when its data were last read
         self.value = (0, 0, 0)
-        self.is_silent = False
-
-    def run(self, hz: float, now_us: float) -> None:
-        if hz != self.hz:
-            self.hz, self.begun_us, self.seen = hz, now_us, 0
-
-    def tune(self, error: float, now_us: float) -> None:
-        self.error, self.begun_us, self.seen = error, now_us, 0
-
-    def made(self, now_us: float) -> int:
-        if self.is_silent or self.hz == 0:
-            return 0
-        return int((now_us - self.begun_us) * self.hz * self.error / 1e6 + 1e-6)
-
-    def next_us(self) -> float:
-        return self.begun_us + (self.seen + 1) * 1e6 / (self.hz * self.error)
 
     def registers(self, now_us: float) -> bytes:
         waiting = self.made(now_us) - self.seen

@@ -6,11 +6,11 @@ from __future__ import annotations
 from typing import Any
 
 from core.lsm9ds0_chip import Chip, ffi, lib
-from core.sensor_desk import SensorBench
+from core.sensor_desk import RegisterBench
 
 
-class Bench(SensorBench):
-    """The driver with a chip that has `read`, `write` and a settable `now_us`."""
+class Bench(RegisterBench):
+    """The driver with its chip."""
 
     def __init__(
         self,
@@ -19,40 +19,12 @@ class Bench(SensorBench):
         *,
         is_fast: bool = False,
     ) -> None:
-        self.chip = chip or Chip()
-        gyr_address, xm_address = self.chip.halves
+        chip = chip or Chip()
+        gyr_address, xm_address = chip.halves
         config = {"gyr_address": gyr_address, "xm_address": xm_address}
         driver = ffi.new("struct lsm9ds0 *", {"config": config})
         driver.config.is_fast = is_fast
-        super().__init__(ffi, lib, driver, self.chip.read, self.chip.write, start_us)
-
-    @property
-    def clock_ns(self) -> int:
-        return int(self.chip.now_us * 1000)
-
-    def let_pass(self, us: int) -> None:
-        self.chip.now_us += us
-
-    def take(self) -> bytes:
-        """Read the bursts that the next data-ready edge starts."""
-        self.chip.await_edge()
-        taken = b""
-        for address, reg, length in self.bursts:
-            data = ffi.new("uint8_t[]", length)
-            assert self.chip.read(None, address, reg, data, length) == lib.BUS_OK
-            taken += bytes(data)
-        return taken
-
-    def is_refused(self, data: bytes) -> bool:
-        out = ffi.new("struct sample *")
-        ffi.memmove(out, b"\xa5" * ffi.sizeof(out[0]), ffi.sizeof(out[0]))
-        if lib.lsm9ds0_parse(self.driver, data, 0, out):
-            return False
-        assert set(bytes(ffi.buffer(out))) == {0xA5}, "written anyway"
-        return True
-
-    def sample(self) -> Any:
-        return self.parse(self.take())
+        super().__init__(ffi, lib, driver, chip, start_us)
 
 
 def running(chip: Any = None, *, is_fast: bool = False) -> Bench:

@@ -183,7 +183,7 @@ class Module:
 
 
 class Probe:
-    """The driver, and what the probe does beside it."""
+    """The driver, and the rest of the probe's main loop."""
 
     def __init__(self, module: Module, name: str = NAME, start_us: int = 0) -> None:
         self.module = module

@@ -107,5 +107,74 @@ class SensorBench(ABC):
         return self.driver.identity
 
 
+class Clock:
+    """Measures at a rate; data are ready until they are read."""
+
+    def __init__(self) -> None:
+        self.hz = 0.0  # 0: off
+        self.error = 1.0  # of its rate
+        self.begun_us = 0.0
+        self.seen = 0  # measurements when its data were last read
+        self.is_silent = False
+
+    def run(self, hz: float, now_us: float) -> None:
+        if hz != self.hz:
+            self.hz, self.begun_us, self.seen = hz, now_us, 0
+
+    def tune(self, error: float, now_us: float) -> None:
+        self.error, self.begun_us, self.seen = error, now_us, 0
+
+    def made(self, now_us: float) -> int:
+        if self.is_silent or self.hz == 0:
+            return 0
+        return int((now_us - self.begun_us) * self.hz * self.error / 1e6 + 1e-6)
+
+    def next_us(self) -> float:
+        return self.begun_us + (self.seen + 1) * 1e6 / (self.hz * self.error)
+
+
+class RegisterBench(SensorBench):
+    """A driver with a register file that has `read`, `write`, `await_edge` and a
+    settable `now_us`.
+    """
+
+    def __init__(self, ffi: Any, lib: Any, driver: Any, chip: Any, start_us: int):
+        self.chip = chip
+        super().__init__(ffi, lib, driver, chip.read, chip.write, start_us)
+
+    @property
+    def clock_ns(self) -> int:
+        return int(self.chip.now_us * 1000)
+
+    def let_pass(self, us: int) -> None:
+        self.chip.now_us += us
+
+    @property
+    def bursts(self) -> list[tuple[int, int, int]]:
+        return [burst for burst in super().bursts if burst[2] > 0]
+
+    def take(self) -> bytes:
+        """Read the bursts that the next data-ready edge starts."""
+        self.chip.await_edge()
+        taken = b""
+        for address, reg, length in self.bursts:
+            data = self.ffi.new("uint8_t[]", length)
+            assert self.chip.read(None, address, reg, data, length) == self.lib.BUS_OK
+            taken += bytes(data)
+        return taken
+
+    def is_refused(self, data: bytes) -> bool:
+        out = self.ffi.new("struct sample *")
+        size = self.ffi.sizeof(out[0])
+        self.ffi.memmove(out, b"\xa5" * size, size)
+        if self.call("parse", data, 0, out):
+            return False
+        assert set(bytes(self.ffi.buffer(out))) == {0xA5}, "written anyway"
+        return True
+
+    def sample(self) -> Any:
+        return self.parse(self.take())
+
+
 def axes(counts: Any) -> tuple[int, int, int]:
     return counts.x, counts.y, counts.z

@@ -17,40 +17,6 @@ from core.sensor_desk import axes
 pytestmark = pytest.mark.sampled(3)
 
 
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("value", [-16.0, -1.0, 0.0037, 0.5, 16.0])
-def test_acceleration_arrives_on_its_axis(axis, value):
-    bench = running()
-    acc = [0.0, 0.0, 0.0]
-    acc[axis] = value
-    bench.chip.acc_g = tuple(acc)
-    sample = bench.sample()
-    expected = [pytest.approx(v / 0.732e-3, abs=0.51) for v in acc]
-    assert list(axes(sample.acc)) == expected
-
-
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("value", [-2000.0, -1.0, 0.1, 90.0, 2000.0])
-def test_rate_arrives_on_its_axis(axis, value):
-    bench = running()
-    gyr = [0.0, 0.0, 0.0]
-    gyr[axis] = value
-    bench.chip.gyr_dps = tuple(gyr)
-    expected = [pytest.approx(v / 0.070, abs=0.51) for v in gyr]
-    assert list(axes(bench.sample().gyr)) == expected
-
-
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("value", [-2.0, -0.45, 0.0006, 0.48, 2.0])
-def test_field_arrives_in_the_frame_of_the_other_sensors(axis, value):
-    bench = running()
-    mag = [0.0, 0.0, 0.0]
-    mag[axis] = value
-    bench.chip.mag_gauss = tuple(mag)
-    found = [sample.mag for sample in bench.samples(8) if sample.has_mag][-1]
-    assert list(axes(found)) == [pytest.approx(v / 0.08e-3, abs=0.51) for v in mag]
-
-
 @pytest.mark.parametrize("raw", [-2048, -2047, -400, -1, 0, 1, 16, 400, 2047])
 @pytest.mark.parametrize("above", [0x0000, 0xF000])  # four bits of no meaning
 def test_temperature_is_right_to_the_ends_of_its_register(raw, above):

@@ -10,8 +10,7 @@ import pytest
 
 from core.lsm9ds0_chip import BOTH_PASSED, XM, Chip, G, lib
 from core.lsm9ds0_desk import Bench, running
-from core.sensor_desk import SETUP_MAX_US, axes
-from length import IS_SAMPLE
+from core.sensor_desk import axes
 
 
 @pytest.mark.parametrize(
@@ -51,11 +50,6 @@ def test_a_sample_is_three_bursts_of_the_halves_where_they_are_wired(gyr, xm):
     assert axes(bench.sample().acc) == (0, 0, round(1 / 0.732e-3))
 
 
-def test_no_step_of_set_up_holds_the_bus_for_more_than_half_a_millisecond():
-    bench = running()
-    assert 0 < bench.longest_step_ns <= 550_000  # the bus' own pauses included
-
-
 def test_set_up_waits_as_long_as_the_documents_want():
     bench = Bench()
     assert bench.set_up(100) == lib.SENSOR_OK
@@ -75,36 +69,6 @@ def test_set_up_waits_as_long_as_the_documents_want():
     for run, changed in zip((reads[:32], reads[32:]), changes[1:3], strict=True):
         assert run[0] - changed >= 60_000
         assert all(b - a > 1e6 / 760 for a, b in itertools.pairwise(run))
-
-
-def test_set_up_takes_as_long_as_its_header_says():
-    bench = running()
-    assert bench.chip.now_us / 1e6 == pytest.approx(1.2, abs=0.1)
-    before_us = bench.chip.now_us
-    assert bench.set_up() == lib.SENSOR_OK
-    assert (bench.chip.now_us - before_us) / 1e6 == pytest.approx(0.9, abs=0.1)
-    assert bench.identity.self_test == BOTH_PASSED
-
-
-@pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
-def test_set_up_does_not_mind_how_often_it_is_called(step_us):
-    bench = Bench()
-    assert bench.set_up(step_us, SETUP_MAX_US + 100 * step_us) == lib.SENSOR_OK
-    assert bench.identity.self_test == BOTH_PASSED
-
-
-@pytest.mark.parametrize("before_us", [1, 15_000, 500_000, 900_000, 1_100_000])
-def test_set_up_survives_the_wrap_of_device_time(before_us):
-    bench = Bench(start_us=2**32 - before_us)
-    assert bench.set_up() == lib.SENSOR_OK
-    assert bench.identity.self_test == BOTH_PASSED
-
-
-def test_set_up_stays_done():
-    bench = running()
-    for later_us in (0, 1000, 2**31, 2**32 - 1000):
-        now_us = (bench.now_us + later_us) & 0xFFFFFFFF
-        assert lib.lsm9ds0_setup(bench.driver, bench.bus, now_us) == lib.SENSOR_OK
 
 
 def test_powered_down_nothing_measures_until_the_next_set_up():
@@ -175,20 +139,6 @@ def test_a_sensor_that_never_gets_ready_is_stuck_in_bounded_time(name):
     assert bench.set_up() == lib.SENSOR_STUCK
     sensor.is_silent = False
     assert bench.set_up() == lib.SENSOR_OK
-
-
-@pytest.mark.long
-def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works():
-    count = running().transactions
-    assert count > 100
-    for pulled_at in range(1, count + 1, 3 if IS_SAMPLE else 1):
-        bench = Bench()
-        bench.pulled_at = pulled_at
-        assert bench.set_up() == lib.SENSOR_BUS_NACK
-        assert bench.transactions == pulled_at
-        assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
-        assert bench.identity.self_test == BOTH_PASSED
-        assert axes(bench.sample().acc) == (0, 0, round(1 / 0.732e-3))
 
 
 def test_data_ready_is_low_where_set_up_ends_and_no_sample_is_missed():

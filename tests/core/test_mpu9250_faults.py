@@ -8,7 +8,6 @@ import pytest
 from core.mpu9250_desk import (
     ACC_LSB,
     HOST_JUDGES,
-    MAG_LSB,
     Bench,
     G,
     lib,
@@ -16,30 +15,6 @@ from core.mpu9250_desk import (
 )
 
 pytestmark = pytest.mark.sampled(4)
-
-
-def count_of_transactions() -> int:
-    return running().transactions
-
-
-@pytest.mark.parametrize("part", range(8))
-def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works(part):
-    count = count_of_transactions()
-    assert count > 70
-    for pulled_at in range(1 + part, count + 1, 8):
-        bench = Bench()
-        bench.pulled_at = pulled_at
-        result = bench.set_up()
-        if result == lib.SENSOR_OK:  # what concerns the magnetometer is tried again
-            address, reg = bench.pulled
-            assert address == 0x0C or reg == 55  # the bypass
-        else:
-            assert result == lib.SENSOR_BUS_NACK
-            assert bench.transactions == pulled_at
-        assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
-        assert bench.identity.self_test == HOST_JUDGES
-        assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
-        assert bench.complaint is None
 
 
 @pytest.mark.parametrize("at_byte", [0, 1, 2])

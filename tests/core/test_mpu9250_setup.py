@@ -16,7 +16,6 @@ from core.mpu9250_desk import (
     running,
     scripted,
 )
-from core.sensor_desk import SETUP_MAX_US
 
 
 def test_set_up_leaves_the_chip_as_the_documents_want_it():
@@ -51,11 +50,6 @@ def test_a_burst_is_one_read_of_all_sensors():
     assert (burst.address, burst.reg, burst.length) == (0x68, 0x3B, 22)
 
 
-def test_no_step_of_set_up_holds_the_bus_for_more_than_half_a_millisecond():
-    bench = running()
-    assert 0 < bench.longest_step_ns <= 500_000
-
-
 def test_set_up_waits_as_long_as_the_documents_want():
     bench = Bench()
     assert bench.set_up(100) == lib.SENSOR_OK
@@ -73,38 +67,6 @@ def test_set_up_waits_as_long_as_the_documents_want():
     changes = [t for t, *what in log if what == ["write", 28]]
     for read, changed in zip(reads, changes, strict=False):
         assert read - changed >= 100
-
-
-def test_set_up_takes_as_long_as_its_header_says():
-    bench = running()
-    assert bench.now_ns / 1e9 == pytest.approx(0.7, abs=0.05)
-    before_ns = bench.now_ns
-    assert bench.set_up() == lib.SENSOR_OK
-    assert (bench.now_ns - before_ns) / 1e9 == pytest.approx(0.4, abs=0.05)
-    assert bench.identity.self_test == HOST_JUDGES
-
-
-@pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
-def test_set_up_does_not_mind_how_often_it_is_called(step_us):
-    bench = Bench()
-    # A sample of the self-test a call, at most: a slow caller takes that much longer.
-    bound_us = SETUP_MAX_US + 500 * step_us
-    assert bench.set_up(step_us, bound_us) == lib.SENSOR_OK
-    assert bench.identity.self_test == HOST_JUDGES
-    assert bench.complaint is None
-
-
-@pytest.mark.parametrize("before_us", [1, 100_000, 150_000, 300_000, 600_000, 700_000])
-def test_set_up_survives_the_wrap_of_device_time(before_us):
-    assert running(start_us=2**32 - before_us).identity.self_test == HOST_JUDGES
-
-
-def test_set_up_stays_done_when_device_time_wraps():
-    bench = running()
-    done_ns = bench.now_ns
-    for later_us in (0, 2**32 - 1000, 2**32, 2**32 + 1000):
-        now_us = (done_ns // 1000 + later_us) & 0xFFFFFFFF
-        assert lib.mpu9250_setup(bench.driver, bench.bus, now_us) == lib.SENSOR_OK
 
 
 @pytest.mark.parametrize("who", [0x00, 0xFF])

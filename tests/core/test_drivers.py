@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: MIT
+"""What the drivers of all sensors promise: their set-up, its time and its failures, and
+physical values that arrive as counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from core import joined_desk, lsm9ds0_desk, mpu9250_desk
+from core.lsm9ds0_chip import BOTH_PASSED, lib
+from core.mpu9250_desk import ACC_LSB, GYR_LSB, G
+from core.sensor_desk import SETUP_MAX_US, axes
+from length import IS_SAMPLE
+
+pytestmark = pytest.mark.sampled(3)
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A driver's bench, and what its header says of it."""
+
+    bench: Callable[..., Any]
+    who: list[int]
+    verdict: int  # of the self-test
+    step_us: int  # that no step of set-up exceeds on the bus
+    first_s: float  # of set-up, with the self-test
+    again_s: float
+    calls: int  # of set-up that a slow caller needs
+    # Whether a refused transaction may be tried again: by address and register.
+    is_tried_again: Callable[[int, int], bool] = lambda _address, _reg: False
+
+
+DRIVERS = {
+    "mpu9250": Driver(
+        *(mpu9250_desk.Bench, [0x71, 0x48], mpu9250_desk.HOST_JUDGES),
+        *(500, 0.7, 0.4, 500),
+        lambda address, reg: address == 0x0C or reg == 55,  # the magnetometer, bypass
+    ),
+    "lsm9ds0": Driver(
+        *(lsm9ds0_desk.Bench, [0xD4, 0x49], BOTH_PASSED, 550, 1.2, 0.9, 100),
+    ),
+    "joined": Driver(
+        *(joined_desk.Bench, [0x6C, 0x3D], BOTH_PASSED | lib.SELF_TEST_MAG_PASSED),
+        *(450, 1.1, 0.25, 100),
+        lambda address, reg: address in (0x1C, 0x1E) or reg == 0x0F,
+    ),
+}
+every_driver = pytest.mark.parametrize("driver", DRIVERS.values(), ids=DRIVERS)
+
+
+def running(driver: Driver, **options: Any) -> Any:
+    bench = driver.bench(**options)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == driver.verdict
+    return bench
+
+
+@every_driver
+def test_no_step_of_set_up_holds_the_bus_for_more_than_half_a_millisecond(driver):
+    assert 0 < running(driver).longest_step_ns <= 1000 * driver.step_us
+
+
+@every_driver
+def test_set_up_takes_as_long_as_its_header_says(driver):
+    bench = running(driver)
+    assert bench.clock_ns / 1e9 == pytest.approx(driver.first_s, abs=0.1)
+    before_ns = bench.clock_ns
+    assert bench.set_up() == lib.SENSOR_OK
+    taken_s = (bench.clock_ns - before_ns) / 1e9
+    assert taken_s == pytest.approx(driver.again_s, abs=0.1)
+    assert bench.identity.self_test == driver.verdict
+
+
+@every_driver
+@pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
+def test_set_up_does_not_mind_how_often_it_is_called(driver, step_us):
+    bench = driver.bench()
+    # A sample of the self-test a call, at most: a slow caller takes that much longer.
+    bound_us = SETUP_MAX_US + driver.calls * step_us
+    assert bench.set_up(step_us, bound_us) == lib.SENSOR_OK
+    assert bench.identity.self_test == driver.verdict
+
+
+@every_driver
+@pytest.mark.parametrize(
+    "before_us", [1, 15_000, 150_000, 300_000, 600_000, 700_000, 1_100_000, 1_400_000]
+)
+def test_set_up_survives_the_wrap_of_device_time(driver, before_us):
+    running(driver, start_us=2**32 - before_us)
+
+
+@every_driver
+def test_set_up_stays_done_when_device_time_wraps(driver):
+    bench = running(driver)
+    for later_us in (0, 1000, 2**31, 2**32 - 1000, 2**32 + 1000):
+        now_us = (bench.now_us + later_us) & 0xFFFFFFFF
+        assert bench.call("setup", bench.bus, now_us) == lib.SENSOR_OK
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("part", range(4))
+@every_driver
+def test_a_wire_pulled_at_any_transaction_is_reported_or_tried_again(driver, part):
+    count = running(driver).transactions
+    assert count > 70
+    for pulled_at in range(1 + part, count + 1, 12 if IS_SAMPLE else 4):
+        bench = driver.bench()
+        bench.pulled_at = pulled_at
+        result = bench.set_up()
+        if driver.is_tried_again(*bench.pulled):
+            assert result in (lib.SENSOR_OK, lib.SENSOR_BUS_NACK)
+        else:
+            assert result == lib.SENSOR_BUS_NACK
+            assert bench.transactions == pulled_at
+        assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
+        assert list(bench.identity.who_am_i) == driver.who
+        assert bench.identity.self_test == driver.verdict
+        assert getattr(bench, "complaint", None) is None
+
+
+def settled(name: str, quantity: str, value: Any) -> tuple[int, int, int]:
+    """The counts of a physical value that stays: m/s2, rad/s or g, deg/s, gauss."""
+    bench = running(DRIVERS[name])
+    if name == "mpu9250":
+        bench.hold(**{quantity: value})
+        return axes(getattr(bench.settled(), quantity))
+    unit = {"acc": "acc_g", "gyr": "gyr_dps", "mag": "mag_gauss"}[quantity]
+    chip = bench.chip
+    if name == "joined":
+        chip = chip.magnetic if quantity == "mag" else chip.inertial
+        unit = "gauss" if quantity == "mag" else unit
+    setattr(chip, unit, value)
+    samples = [each for each in bench.samples(8) if quantity != "mag" or each.has_mag]
+    return axes(getattr(samples[-1], quantity))
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(
+    ("name", "quantity", "lsb", "values", "off"),
+    [
+        ("mpu9250", "acc", ACC_LSB, (-150.0, -G, 0.03, 1.0, 156.0), 1),
+        ("mpu9250", "gyr", GYR_LSB, (-34.8, -1.0, 0.002, 10.0, 34.8), 1),
+        ("lsm9ds0", "acc", 0.732e-3, (-16.0, -1.0, 0.0037, 0.5, 16.0), 0.51),
+        ("lsm9ds0", "gyr", 0.070, (-2000.0, -1.0, 0.1, 90.0, 2000.0), 0.51),
+        ("lsm9ds0", "mag", 0.08e-3, (-2.0, -0.45, 0.0006, 0.48, 2.0), 0.51),
+        ("joined", "acc", 0.488e-3, (-15.9, -1.0, 0.0037, 0.5, 15.9), 0.51),
+        ("joined", "gyr", 0.070, (-2000.0, -1.0, 0.1, 90.0, 2000.0), 0.51),
+        ("joined", "mag", 1 / 6842, (-4.0, -0.45, 0.0006, 0.48, 4.0), 0.51),
+    ],
+)
+def test_a_physical_value_arrives_on_its_axis_as_counts(
+    name, quantity, lsb, values, off, axis
+):
+    for value in values:
+        physical = [0.0, 0.0, 0.0]
+        physical[axis] = value
+        found = settled(name, quantity, tuple(physical))
+        assert list(found) == [pytest.approx(v / lsb, abs=off) for v in physical]
