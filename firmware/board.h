@@ -69,7 +69,7 @@ extern const IN_FLASH struct memory board_memory;
 uint16_t board_supply_mv(void);
 uint16_t board_stack_free(void);
 
-// Equipment beside sensor, wire and button: clock, radio, card, battery.
+// Equipment other than sensor, wire and button: clock, radio, card, battery.
 // Nothing in a build with PROBE_WIRE_ONLY. `begin` says so to the probe, after
 // probe_begin; `step` is for each turn of the main loop.
 #ifdef PROBE_WIRE_ONLY

@@ -18,14 +18,14 @@ volatile bool idle_has_work;
 
 void board_init(void) {
     while ((EECR & _BV(EEPE)) != 0) {
-        // A write from before the reset goes on, for 3.4 ms at most.
+        // A write from before the reset continues for 3.4 ms at most.
     }
     pins_init();
     clock_init();
     twi_init();
     uart_init();
     adc_init();
-    SMCR = _BV(SE);  // sleep is idle mode: timer, TWI and UART go on
+    SMCR = _BV(SE);  // sleep is idle mode: timer, TWI and UART keep running
     sei();
 }
 

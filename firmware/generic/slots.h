@@ -24,7 +24,7 @@ struct slots {
     uint16_t missed;          // edges without a reading since the last that had one
 };
 
-// Counts an edge that gets no reading of its own; stays at 65535.
+// Counts an edge that gets no reading; stays at 65535.
 static inline void slots_miss_one(struct slots *slots) {
     if (slots->missed != UINT16_MAX) {
         slots->missed++;

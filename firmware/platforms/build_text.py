@@ -2,7 +2,7 @@
 """Gives main.c FIRMWARE_BUILD, the text that the probe's hello carries (described.py).
 Only main.c is compiled with it, so that a commit rebuilds one file.
 
-Writes manifest.json beside the .hex, by which `imud flash` knows what that file is.
+Writes manifest.json next to the .hex, which tells `imud flash` what that file is.
 
 Gives the .elf a section with the digest of its sources, which takes no flash: who runs
 it can tell whether they have changed since (host/imud/checkout.py)."""
@@ -36,7 +36,7 @@ def add_sources(target: Any, source: Any, env: Any) -> int:  # noqa: ARG001, SCo
 
 
 def write_manifest(target: Any, source: Any, env: Any) -> None:  # noqa: ARG001, SCons's
-    """Say beside a .hex what it is."""
+    """Write the manifest of a .hex."""
     path = Path(str(target[0]))
     chosen = dict(filter(is_pair, env["CPPDEFINES"])).get("ATTITUDE_ONLY", "all")
     records = path.read_text("ascii").splitlines()

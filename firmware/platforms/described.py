@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """What a built image says of itself: the text in the probe's hello, and the line of
-manifest.json beside it, by which `imud flash` knows what that file is."""
+manifest.json next to it, which tells `imud flash` what that file is."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def build_text(root: Path) -> str:
 
 
 def write_manifest(root: Path, image: Path, board: str, chosen: str, size: int) -> None:
-    """Writes manifest.json beside an image: the fields of host/imud/flash/firmware.py.
+    """Writes manifest.json next to an image: the fields of host/imud/flash/firmware.py.
     `chosen`: its filter, or "all"; `size`: bytes of flash.
     """
     schema = (root / "host/imud/wire/schema.py").read_text(encoding="utf-8")

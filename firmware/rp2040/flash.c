@@ -3,7 +3,7 @@
 // an image that is copied to the board leaves them alone. A word of the journal is
 // programmed as a page of 256 bytes whose others are ones, which change nothing.
 //
-// All code and constants are in RAM: interrupts go on while flash is busy, and samples
+// All code and constants are in RAM: interrupts run while flash is busy, and samples
 // are read and stamped as ever. Only the main loop waits, 0.4 to 3 ms for a word.
 #include "flash.h"
 

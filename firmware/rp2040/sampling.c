@@ -20,8 +20,7 @@
 
 enum {
     // 0.6 s at 200 Hz that the main loop may be late: the longest erasure of a sector
-    // of
-    // flash takes 0.4 s.
+    // of flash takes 0.4 s.
     SLOTS = 128,
     BURST_US_MAX = 4500,
     // An edge whose reading could not begin at once waits this long for it. Then the
@@ -50,7 +49,7 @@ static uint8_t *target;     // of its next byte
 static uint32_t begun_us;
 static bool is_waiting;  // an edge at `edge_us` has no bursts yet
 static uint32_t edge_us;
-static bool is_stale;  // the reading has no time of its own, and is thrown away
+static bool is_stale;  // the reading's time is unknown: it is thrown away
 static volatile uint32_t ready;
 
 static struct reading *filling(void) {

@@ -49,8 +49,8 @@ static uint32_t read_word(uint8_t sector, uint32_t word) {
 }
 
 // "Flash programming sequences": 32 bits at once need 2.7 V. The processor waits,
-// because its code lies in the flash that is busy. The lock goes on again whatever came
-// of it.
+// because its code lies in the flash that is busy. In the end it is locked again,
+// whether this succeeded or not.
 static void program_word(uint8_t sector, uint32_t word, uint32_t value) {
     if (!is_done(PROGRAM_US_MAX)) {
         return;

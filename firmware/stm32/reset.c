@@ -122,7 +122,7 @@ __attribute__((used)) static _Noreturn void die_of_fault(const uint32_t *frame) 
     die(frame, MARK_FAULT);
 }
 
-// On a stack of its own, at the end of memory.
+// On a separate stack, at the end of memory.
 __attribute__((naked)) void reset_fault(void) {
     __asm__ volatile("mov r0, sp\n\t"
                      "ldr sp, =ram_end\n\t"

@@ -36,7 +36,7 @@ static uint32_t begun_us;
 static uint16_t idle_events;
 static bool is_waiting;  // an edge at `edge_us` has no bursts yet
 static uint32_t edge_us;
-static bool is_stale;  // the reading has no time of its own, and is thrown away
+static bool is_stale;  // the reading's time is unknown: it is thrown away
 static volatile uint32_t ready;
 
 static struct reading *filling(void) {

@@ -115,7 +115,7 @@ def run(
 
 
 def wild(rate_hz: int, seconds: float, seed: int, **options: Any) -> Scene:
-    """Turns of up to 2000 deg/s, and a force beside gravity."""
+    """Turns of up to 2000 deg/s, and a force in addition to gravity."""
     return scene(
         tumble(seconds, rate_hz, seed, options.pop("start", rotation.IDENTITY)),
         rate_hz,

@@ -86,7 +86,7 @@ void twin_stage_field(struct twin *t, bool is_resting);
 void twin_stage_turning(struct twin *t);
 // Takes one axis of the reading into the field of the place and of the probe.
 void twin_stage_field_axis(struct twin *t, int axis);
-// That the probe has no field of its own, along one axis, where it seems so.
+// Learns that the probe has no own field, along one axis, where it seems so.
 void twin_stage_own(struct twin *t, bool is_resting);
 // Of what is stated, without its floor.
 void twin_find_heading_variance(struct twin *t);

@@ -146,7 +146,7 @@ def test_a_sensor_that_says_nothing_is_set_up_again_and_asked() -> None:
 
 
 class Choice(Asked):
-    """Its sensor may be another, which answers at an address of its own."""
+    """Its sensor may be another, which answers at another address."""
 
     def __init__(self) -> None:
         super().__init__()

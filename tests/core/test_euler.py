@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Angles and matrices of fixed point against formulas of their own in doubles, dense
+"""Angles and matrices of fixed point against independent formulas in doubles, dense
 around gimbal lock; and the origin, as the angles show it."""
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from imud import rotation
 
 NOT_KNOWN = 2**16 - 1
 
-# The complementary filter has tests of its own for these.
+# test_complementary.py has these of the complementary filter.
 all_but_complementary = pytest.mark.parametrize(
     "name", ["mahony", "madgwick", "dcm_pi"]
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Cards that are not prepared, or lie: nothing is written beside the file."""
+"""Cards that are unprepared or inconsistent: nothing is written outside the file."""
 
 from __future__ import annotations
 

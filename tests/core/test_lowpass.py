@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The low-pass in 16 bits beside that in 32."""
+"""The low-pass in 16 bits against the one in 32."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The probe's own field has three axes, and nothing beside them is touched."""
+"""The probe's own field has three axes, and no memory next to them is written."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def test_the_streamed_poses_are_those_of_a_tracker_fed_with_the_same_samples():
         assert [pose.fields[name] for pose in sent] == poses[name].tolist()
 
 
-# What a board has beside its sensor, and the log that it keeps.
+# A board's other equipment, and the log that it keeps.
 
 
 def logging(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Madgwick's filter of the package beside the same filter of core/, in fixed point."""
+"""Madgwick's filter of the package against the same filter of core/ in fixed point."""
 
 from __future__ import annotations
 

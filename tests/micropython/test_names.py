@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The module's names, beside the macros of other ports' headers."""
+"""The module's names do not clash with macros of other ports' headers."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ struct joined_magnetic {
     struct joined_axes mag;
 };
 
-// The module. Each chip has been given the number of one of its own axes for each of
+// The module. Each chip has been given the number of one of its axes for each of
 // the module's: 1, 2, 3 is x, y, z, and a minus turns it round.
 struct joined_config {
     const IN_FLASH struct joined_inertial *inertial;

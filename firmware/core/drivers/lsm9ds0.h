@@ -42,7 +42,7 @@ struct lsm9ds0 {
     uint8_t step;    // of set-up
     uint8_t count;   // samples within the step
     uint8_t ready;   // sensors that were data-ready, within the last step
-    uint8_t held;    // samples since the last with an acceleration of its own
+    uint8_t held;    // samples since the last new acceleration
     bool has_mag;    // the magnetometer measures
     bool checks_xm;  // the half whose registers are read back next
     struct self_test test;
@@ -57,7 +57,8 @@ struct lsm9ds0 {
 // A chip of another kind is named by who_am_i[0], in whichever half it is.
 //
 // The gyroscope's data-ready (DRDY_G) is the edge of a sample. It stays high until the
-// sample is read. The accelerometer and the magnetometer run by clocks of their own:
+// sample is read. The accelerometer and the magnetometer have clocks that are not the
+// gyroscope's:
 // - the accelerometer's has twice the rate, so that each sample has a new one, at most
 //   1.3 ms old (0.7 at 760 Hz). Where none has come the last is held, as a slow sensor
 //   would; after four samples on end the accelerometer stands still, and the bytes are
@@ -65,8 +66,8 @@ struct lsm9ds0 {
 // - a magnetic field is given once, in the sample that finds it new (has_mag). One that
 //   is measured while its registers are read can be lost, 8 % of them at 380 Hz.
 // A sample that was overwritten before it was read gives the next one has_gap.
-// Beyond 2000 deg/s and 16 g, where the registers go on but the document does not, a
-// sample is clipped; beyond 2 gauss the field has overflowed.
+// Beyond 2000 deg/s and 16 g, which the registers hold but the data sheet does not
+// specify, a sample is clipped; beyond 2 gauss the field has overflowed.
 void lsm9ds0_begin(void *state);
 enum sensor_result lsm9ds0_setup(void *state, const IN_FLASH struct bus_device *bus,
                                  uint32_t now_us) MUST_CHECK;

@@ -36,7 +36,7 @@ struct mpu9250 {
 
 // The functions of struct sensor_driver; `state` is a struct mpu9250. Any chip runs
 // whose identity is not 0x00 or 0xFF, whose registers read back as written and whose
-// force is near 1 g at some time of a second: clones have identities of their own. An
+// force is near 1 g at some time of a second: clones have other identities. An
 // AK8963 that does not answer is left out, and looked for again later.
 //
 // Set-up takes 0.7 s (0.4 s from the second time on: what the inertial dies answered to

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // A chip of ST that is one part of a sensor in several: found at one of its addresses,
-// reset, tested and set up by a table of its own, each call a row. What the chips have
-// in common: registers of a byte, three axes little-endian, a status that shows which
-// data are new, WHO_AM_I at 0x0F.
+// reset, tested and set up by its table, a row each call. What the chips have in
+// common: registers of a byte, three axes little-endian, a status that shows which data
+// are new, WHO_AM_I at 0x0F.
 //
 // With PART_WITHOUT_SELF_TEST, for a board that has no room for it, nothing is tested.
 #ifndef PART_H

@@ -357,7 +357,7 @@ static enum rn41_event judge_settings(struct rn41 *rn41, uint32_t now_us) {
     return RN41_NOTHING;
 }
 
-// A list has no end of its own: it ends when all is sent and nothing more comes.
+// A list has no end mark: it ends when all is sent and nothing more comes.
 static enum rn41_event take_list(struct rn41 *rn41, uint8_t wanted, uint32_t now_us) {
     if ((rn41->known & wanted) != wanted || now_us - rn41->heard_us < QUIET_US) {
         return has_passed(rn41, LIST_US, now_us) ? fail(rn41, RN41_GARBLED, now_us)

@@ -202,7 +202,7 @@ static enum sdcard_result again(struct sdcard *card, enum sdcard_result failure,
     return enter(card, stage == STAGE_INITIALISE ? STAGE_APPLICATION : stage, now_us);
 }
 
-// On to another stage, whose command has tries of its own.
+// Begin another stage, whose command has its full number of tries.
 NOINLINE static enum sdcard_result go_on(struct sdcard *card, enum stage stage,
                                          uint32_t now_us) {
     card->tries = 0;

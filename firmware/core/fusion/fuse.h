@@ -3,12 +3,12 @@
 //
 // A filter of the VQF family (Laidig and Seel 2023, section 3): the gyroscope is
 // integrated into an almost-inertial frame, the specific force is low-passed there and
-// levels it, and heading is one angle beside it, so that a disturbed field never tilts
-// the probe. Beside them two small Kalman filters: one learns the gyroscope's bias and
-// three scales from what levelling had to correct and from how the field turns, one the
-// field of the place and the probe's own, which turns with it; and how late field
-// readings are is learned from turns. Samples make windows of 100 ms; all but the
-// integration is done once a window, in stages that no two samples share.
+// levels it, and heading is a separate angle, so that a disturbed field never tilts
+// the probe. There are two small Kalman filters as well: one learns the gyroscope's
+// bias and three scales from what levelling had to correct and from how the field
+// turns, one the field of the place and the probe's own, which turns with it; and how
+// late field readings are is learned from turns. Samples make windows of 100 ms; all
+// but the integration is done once a window, in stages that no two samples share.
 #ifndef FUSE_H
 #define FUSE_H
 
@@ -36,7 +36,7 @@ struct fuse_coefficients {
     int32_t half_lead_s_q35;  // of the motion before what was integrated
 };
 
-// The probe's own field beside its calibration, in steps of 0.25 uT.
+// The probe's own field that its calibration left, in steps of 0.25 uT.
 struct own_field {
     int16_t axis[3];
     uint16_t sigma;  // of an axis, at most OWN_FIELD_SIGMA_MAX; 0: it is not known

@@ -95,7 +95,7 @@ bool fuse_is_plain_again(struct fuse *fuse) {
     return fuse->state.field_plain == PLAIN;
 }
 
-// Turning has shown that the probe has no field of its own.
+// Turning has shown that the probe has no own field.
 static bool has_shown_no_own(const struct fuse *fuse) {
     for (uint8_t axis = 3; axis < FUSE_FIELD_STATES; ++axis) {
         if (fuse->state.field_covariance[kalman_variance(axis)] > ELSEWHERE_VARIANCE) {

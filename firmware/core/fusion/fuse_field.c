@@ -435,7 +435,7 @@ void fuse_stage_field(struct fuse *fuse) {
     weigh_field(fuse);
 }
 
-// The probe seems to have no field of its own, and is known to have had none.
+// The probe seems to have no own field, and is known to have had none.
 static bool has_no_own(const struct fuse *fuse) {
     return fuse->settings.own_variance < OWN_CALIBRATED && !fuse_is_at_rest(fuse) &&
            !is_astray(fuse) && !vector_exceeds(&fuse->state.own_ut_q18, OWN_NEAR_Q18);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Common parts of the filters from papers (complementary, mahony, madgwick, dcm_pi):
-// the bias, the first attitude, and the little that they know of their own quality.
+// the bias, the first attitude, and the little that they know of their quality.
 #ifndef PAPER_FILTER_H
 #define PAPER_FILTER_H
 

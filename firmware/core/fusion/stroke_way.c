@@ -17,11 +17,13 @@
 #define BY_BUTTON_SHARE 4
 #define BIAS_VARIANCE_MIN Q21(SQUARE(0.01 * 4))
 // What a hand turns at rest is in the bias that the filter finds there: a fifth of its
-// rate, at most 0.08 deg/s.
+// rate, at most 0.03 deg/s, whose variance is 4/3 of this.
 #define SWAY_MAX_Q30 ((uint32_t)Q30(2.109e-5))
-// Eight times the square of the force that a turn of 1 rad brings, (m/s2)^2 q2_30: of a
-// calibrated module, 0.05 %, 0.05 deg and 1 mg, and of one that is not, 1 %, 0.5 deg
-// and 20 mg. 1 - w of the turn is an eighth of its square.
+// Eight times the square of the force that a turn of 1 rad brings, (m/s2)^2 q2_30:
+// g^2 (s^2 + a^2 + b^2) in the level and g^2 ((s / 2)^2 + b^2) up, for errors s of the
+// scales, a of the angles between axes and b of the bias, g. They are 0.05 %, 0.05 deg
+// and 1 mg of a calibrated module, 1 %, 0.5 deg and 20 mg of another. 1 - w of the turn
+// is an eighth of its square. tests/core/test_constant.py computes them within 0.3 %.
 #define TURN_LEVEL_Q30 Q30(0.001547)
 #define TURN_UP_Q30 Q30(0.0008177)
 #define RAW_TURN_LEVEL_Q30 Q30(0.4424)

@@ -48,7 +48,7 @@ bool params_store_open(struct params_store *store, const IN_FLASH struct memory 
 enum result params_store_write(struct params_store *store, int32_t at, int32_t word);
 
 // Asks for the staged records, with their length and digest in `value`, to be put in
-// force; with PARAMS_GOES_ON beside the length the filter may continue. RESULT_BUSY
+// force; with PARAMS_GOES_ON added to the length the filter may continue. RESULT_BUSY
 // until it is known: ask again. RESULT_OK where they are in force. RESULT_DAMAGED:
 // their digest is another; RESULT_REFUSED: `value` has the tag of the record, and enum
 // params_fault. Nothing has changed then.

@@ -261,7 +261,7 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
     const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     acquisition->unchecked = 0;
 #ifndef ACQUISITION_WIRED_ONLY
-    if (acquisition->is_polled) {  // what is known of its edges goes on
+    if (acquisition->is_polled) {  // keep what is known of its edges
         return (enum outcome)sensor->check(sensor->state, port->bus);
     }
 #endif

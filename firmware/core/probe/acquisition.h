@@ -25,7 +25,7 @@ enum reading_result {
 struct reading {
     uint8_t bytes[BUS_BURST_MAX];  // of its bursts, one after the other
     uint32_t time_us;              // of the edge
-    uint16_t missed;               // edges without a reading of their own before it
+    uint16_t missed;               // edges before it that got no reading
 };
 
 // The board functions that acquisition needs; board.h documents each of them.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Equipment of a board beside sensor, wire and button: clock, radio, card, battery.
+// A board's equipment other than sensor, wire and button: clock, radio, card, battery.
 // When to log, when to sleep, and what the probe hears of it; the message `equipment`.
 #ifndef EQUIPMENT_H
 #define EQUIPMENT_H

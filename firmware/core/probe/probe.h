@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The probe: samples, button and time in, frames out; received bytes are for
-// commands.h. No hardware and no clock of its own.
+// commands.h. It has neither hardware nor a clock.
 //
 // Calls in core/probe/ go down these lines only, which tests/test_house.py reads:
 //

@@ -15,7 +15,7 @@
 #include "core/wire/frame.h"
 #include "core/wire/messages.h"
 
-// A build with PROBE_WIRE_ONLY has nothing beside sensor, wire and button: no log and
+// A build with PROBE_WIRE_ONLY has sensor, wire and button only: no log and
 // no equipment.
 #ifdef PROBE_WIRE_ONLY
 enum { PROBE_IS_WIRE_ONLY = true };

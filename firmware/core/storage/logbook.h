@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Recordings on a card: finds the file that was prepared for them (docs/f405.md), finds
-// where the last one ends, and writes frames behind it in blocks of their own checksum.
+// where the last one ends, and writes frames behind it in blocks with a checksum each.
 //
 // For the board that joins it to the probe:
 // - The struct, the ring and the frames' way to the card are in memory that the SPI's
@@ -10,7 +10,7 @@
 //   returns true, turn again without sleeping. Otherwise the end of the SPI's exchange
 //   wakes, or the tick, which must come every 10 ms.
 // - A card is ready a second after it is found: the whole chain of its file is looked
-//   at, so that nothing is ever written beside it.
+//   at, so that nothing is ever written outside it.
 // - Take all changes after each step and make events of them. CARD_READY is the one to
 //   answer with logbook_open(), where messages are to be kept: at the start, when a
 //   card comes back, when a probe begins to stream. The first thing put in must be a
@@ -20,7 +20,7 @@
 //   some milliseconds behind logbook_close(), a card's 250 ms at the worst, or a second
 //   where it is at its end; then logbook_is_idle().
 // - A card that is pulled ends its recording. One that fails and comes back at once (a
-//   second busy, a reset of its own) is carried on with, from where it was.
+//   second busy, a reset by itself) continues where it was.
 #ifndef LOGBOOK_H
 #define LOGBOOK_H
 

@@ -185,7 +185,7 @@ void logbook_take_root(struct logbook *book) {
 }
 
 // Each cluster's link must point at the next one, and the last must end the chain: then
-// nothing is written beside the file.
+// nothing is written outside the file.
 void logbook_take_file_chain(struct logbook *book) {
     do {
         const uint32_t link = link_of(book, book->cluster);

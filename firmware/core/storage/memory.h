@@ -8,7 +8,7 @@
 
 #include "core/drivers/bus.h"
 
-// At 0: the settings of the first firmware, in a form of their own. They are read where
+// At 0: the settings of the first firmware, in an older form. They are read where
 // there are no others, and left as they are, so that such firmware finds them again.
 enum {
     MEMORY_IDENTITY = 256,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Settings that a probe keeps without power, beside its params: its id, and how it
-// streams. The id has a place of its own, written once and in two copies; the rest are
+// Settings, other than params, that a probe keeps without power: its id, and how it
+// streams. The id is apart from the rest, written once and in two copies; the rest are
 // tagged records in a pair of banks, of which those of another firmware are kept.
 #ifndef SETTINGS_H
 #define SETTINGS_H

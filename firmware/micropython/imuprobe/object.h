@@ -67,7 +67,7 @@ struct imuprobe {
     struct bus_burst bursts[SENSOR_BURSTS_MAX];  // that make a sample
     uint8_t bursts_count;
     bool is_sampling;
-    bool is_stale;      // what the sensor holds has no time of its own
+    bool is_stale;      // the time of what the sensor holds is unknown
     uint32_t read_us;   // when the last reading was complete
     uint32_t stale_us;  // a reading that begins so long after its edge may be another's
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-# Modules frozen into MicroPython's rp2 port beside its own: the package, and a
+# Modules frozen into MicroPython's rp2 port in addition to its own: the package, and a
 # main.py, which a file of that name on the board would go before.
 # ruff: noqa: F821  # names that MicroPython's makemanifest.py gives it
 freeze("$(PORT_DIR)/modules")

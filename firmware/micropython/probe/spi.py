@@ -19,7 +19,7 @@ _MPU9250 = const(0x68)
 _USER_CTRL = const(0x6A)
 _I2C_IF_DIS = const(0x10)  # it must not take traffic of SPI for that of I2C, RM 106
 _I2C_MST_EN = b"\x20"
-_AK8963 = const(0x0C)  # on I2C; on SPI it has no wire of its own
+_AK8963 = const(0x0C)  # on I2C; it has no SPI
 _ENODEV = const(19)
 _ETIMEDOUT = const(110)
 

@@ -5,7 +5,7 @@
 #include "../config.h"
 
 #define MICROPY_EMIT_X64 (1)
-// Machine code needs memory of its own, which may be executed.
+// Machine code needs memory that may be executed.
 #define MP_PLAT_ALLOC_EXEC(least, bytes, size) host_alloc_exec(least, bytes, size)
 #define MP_PLAT_FREE_EXEC(bytes, size) host_free_exec(bytes, size)
 void host_alloc_exec(size_t least, void **bytes, size_t *size);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What MicroPython asks of a port, beside py/mphal.h.
+// What MicroPython requires of a port in addition to py/mphal.h.
 #include "shared/runtime/interrupt_char.h"
 
 // No virtual pins.
