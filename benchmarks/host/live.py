@@ -98,17 +98,9 @@ def live(
         answer_of(to_follower, PATIENCE_S)
         to_feeder.send("go")
         time.sleep(WARM_UP_S)
-        begin_s, begin_cpu, idle = time.monotonic(), cpu_s(daemon.pid), idle_s()
-        watched = [watch(daemon.pid)]
         if beside is not None:
             beside.start()
-        while (left_s := begin_s + seconds - 0.5 - time.monotonic()) > 0:
-            time.sleep(min(WATCH_S, left_s))
-            watched.append(watch(daemon.pid))
-        passed_s = time.monotonic() - begin_s
-        cpu = (cpu_s(daemon.pid) - begin_cpu) / passed_s
-        idle = (idle_s() - idle) / passed_s
-        memory = rss_mib(daemon.pid)
+        observed = observe(daemon.pid, seconds)
         sent = answer_of(to_feeder, PATIENCE_S)
         time.sleep(2.5)  # until two more statuses have come
         to_follower.send("stop")
@@ -125,13 +117,28 @@ def live(
     return {
         "probes": probes,
         "seconds": seconds,
-        "cpu_core": cpu,
-        "idle_cores": idle,
-        "rss_mib": memory,
-        "watched": watched,
+        **observed,
         **latency(np.load(sent_path), np.load(heard_path)),
         **sent,
         "dropped": dropped(statuses),
+    }
+
+
+def observe(pid: int, seconds: float) -> dict[str, Any]:
+    """Shares of cores that a process takes and that are idle, its MiB of memory at the
+    end, and watch() of it meanwhile.
+    """
+    begin_s, begin_cpu, begin_idle = time.monotonic(), cpu_s(pid), idle_s()
+    watched = [watch(pid)]
+    while (left_s := begin_s + seconds - 0.5 - time.monotonic()) > 0:
+        time.sleep(min(WATCH_S, left_s))
+        watched.append(watch(pid))
+    passed_s = time.monotonic() - begin_s
+    return {
+        "cpu_core": (cpu_s(pid) - begin_cpu) / passed_s,
+        "idle_cores": (idle_s() - begin_idle) / passed_s,
+        "rss_mib": rss_mib(pid),
+        "watched": watched,
     }
 
 
