@@ -118,8 +118,6 @@ bench: ## accuracy, or WHAT=honesty, nano, mega, f405, micropython, pico, card, 
 pictures: ## draws docs/pictures, from the results of `make bench`, and of the page
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/pictures/results.py
-	@python benchmarks/pictures/strokes.py
-	@python benchmarks/pictures/limb.py
 	@python benchmarks/pictures/page_views.py
 	@python benchmarks/pictures/page_moving.py
 
