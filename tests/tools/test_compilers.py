@@ -43,13 +43,6 @@ def test_an_image_that_does_not_fit_fails_whatever_its_filter(is_default: bool) 
     ]
 
 
-def test_the_table_has_a_row_for_each_image() -> None:
-    assert compilers.table([image(36)], LIMIT).splitlines() == [
-        "avr-gcc  environment              flash    free     RAM",
-        "7.3.0    nano                    30,684      36   1,426",
-    ]
-
-
 def test_each_image_of_ours_is_built_once() -> None:
     """Environments for the old bootloader, and those that download, are left out."""
     found = compilers.environments(compilers.project_config())
@@ -60,10 +53,6 @@ def test_each_image_of_ours_is_built_once() -> None:
         "nano_as_pio": True,
         "nano_lsm6dsox": False,
     }
-
-
-def test_the_limit_is_what_the_boards_bootloader_leaves() -> None:
-    assert compilers.flash_limit() == LIMIT
 
 
 def test_bytes_are_those_that_are_flashed(tmp_path: Path) -> None:
@@ -127,13 +116,6 @@ def test_a_failed_build_is_reported_with_its_error(
     assert (images, faults) == ([], ["nano with avr-gcc 7.3.0: main.c:3: error: no"])
 
 
-def test_a_version_on_path_is_not_fetched() -> None:
-    there = shutil.which("avr-gcc")
-    assert there is not None
-    version = avr_gcc.version_of(Path(there))
-    assert avr_gcc.installed(version, no_compiler) == Path(there).parent
-
-
 def test_a_compiler_is_fetched_once_and_again_only_if_that_failed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -163,31 +145,3 @@ def test_a_failed_command_gives_its_reason_in_one_line() -> None:
         )
     with pytest.raises(avr_gcc.NotInstalled, match=r"^no-such-program: No such file"):
         avr_gcc.output("no-such-program")
-
-
-def test_programs_of_another_system_run_with_the_c_library_beside_them(
-    tmp_path: Path,
-) -> None:
-    """Scripts and symbolic links are left as they are."""
-    listed = avr_gcc.output("ldd", shutil.which("printf") or "")
-    (loader,) = (word for word in listed.split() if "/ld-linux" in word)
-    libc = next(word for word in listed.split() if "/libc.so.6" in word)
-    programs, libraries = tmp_path / "usr" / "bin", tmp_path / "lib" / "some-linux-gnu"
-    programs.mkdir(parents=True)
-    libraries.mkdir(parents=True)
-    shutil.copy(Path(loader).resolve(), libraries / Path(loader).name)
-    shutil.copy(Path(libc).resolve(), libraries / "libc.so.6")
-    shutil.copy(shutil.which("printf") or "", programs / "avr-printf")
-    (programs / "text").write_text("#!/bin/sh\n")
-    (programs / "text").chmod(0o755)
-    (programs / "link").symlink_to("avr-printf")
-    avr_gcc.start_by_own_loader(tmp_path)
-    assert (programs / "text").read_text() == "#!/bin/sh\n"
-    for name in ("avr-printf", "link"):
-        assert (programs / name).read_bytes().startswith(b"#!/bin/sh")
-        assert avr_gcc.output(str(programs / name), "%s|", "a b", "c") == "a b|c|"
-
-
-def test_a_root_without_a_c_library_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(avr_gcc.NotInstalled, match="no C library for"):
-        avr_gcc.start_by_own_loader(tmp_path)

@@ -68,16 +68,3 @@ def test_all_well_is_0_and_files_that_are_left_are_not_well(project: Path) -> No
     done = fresh(project, "--here", "make messy")
     assert done.returncode == 1
     assert "FAILED, files left:\n?? left" in done.stdout
-
-
-def test_where_no_bare_system_can_be_made_a_line_says_so(project: Path) -> None:
-    script = project / "tools" / "fresh.py"
-    text = script.read_text()
-    script.write_text(text.replace('"unshare", "--mount", "true"', '"false"'))
-    done = fresh(project, "make good")
-    assert done.returncode == 0
-    (line,) = (li for li in done.stdout.splitlines() if li.startswith("fresh: "))
-    assert re.match(
-        r"fresh: no bare Debian, so on this machine: (false:|it takes)", line
-    )
-    assert "this machine" in done.stdout.splitlines()[-1]
