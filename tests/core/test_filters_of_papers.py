@@ -125,3 +125,52 @@ def test_without_a_force_the_gyroscope_turns_alone(name):
     found, _ = Attitude(name).feel(felt)
     turned = desk.apart_deg(found[-1:], felt.quat[-1:])[0]
     assert turned == pytest.approx(180, abs=0.1)
+
+
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize(
+    ("name", "turn", "far_deg", "after_s", "still_deg", "found_s"),
+    [
+        # The field is steep: of Kp a sixth turns the heading, every other sample.
+        ("mahony", (1.0, -1.0, 1.0), 80, 2, 10, 8),
+        # Beta of a quaternion is 4.7 deg/s along the gradient, which a steep field
+        # gives little to, and every other sample nothing.
+        ("madgwick", (0.4, -0.4, 0.4), 35, 5, 15, 50),
+    ],
+)
+@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
+def test_an_attitude_that_has_changed_unseen_is_found(
+    name, turn, far_deg, after_s, still_deg, found_s, start
+):
+    away = rotation.from_rotation_vector(np.array(turn))
+    quat = np.vstack(
+        [at_rest(1, 200, start), at_rest(found_s, 200, rotation.multiply(away, start))]
+    )
+    felt = scene(quat, 200, seed=1)
+    felt.gyr[200] = 0
+    found, _ = Attitude(name).feel(felt)
+    apart = desk.apart_deg(found, felt.quat)
+    assert apart[200] > far_deg
+    assert apart[200 + 200 * after_s] > still_deg
+    assert apart[-1] < 1
+
+
+@pytest.mark.parametrize(
+    ("name", "least_deg", "tilt_deg", "end_deg", "turned_deg"),
+    [
+        # On the way the cross product of the fields is not upright.
+        ("mahony", 1, 6, 0.01, 20),
+        # A step of beta either way is never far.
+        ("madgwick", 0, 0.05, 0.05, 5),
+    ],
+)
+def test_a_disturbed_field_turns_the_heading_and_in_the_end_tilts_nothing(
+    name, least_deg, tilt_deg, end_deg, turned_deg
+):
+    felt = scene(at_rest(10), 200, noise=0)
+    felt.mag[1000:] += (40, 10, 30)
+    found, _ = Attitude(name).feel(felt)
+    tilt = desk.tilt_deg(found, felt.quat)
+    assert least_deg <= tilt.max() < tilt_deg
+    assert tilt[-1] < end_deg
+    assert desk.apart_deg(found, felt.quat)[-1] > turned_deg

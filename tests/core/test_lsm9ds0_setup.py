@@ -146,3 +146,33 @@ def test_data_ready_is_low_where_set_up_ends_and_no_sample_is_missed():
     chip = bench.chip
     assert chip.gyr.made(chip.now_us) == chip.gyr.seen
     assert not bench.sample().has_gap
+
+
+def check(bench: Bench) -> int:
+    return int(bench.call("check", bench.bus))
+
+
+@pytest.mark.parametrize("is_fast", [False, True])
+def test_a_healthy_chip_passes_every_check(is_fast):
+    bench = running(is_fast=is_fast)
+    for _ in range(20):
+        before_us = bench.chip.now_us
+        assert check(bench) == lib.SENSOR_OK
+        assert bench.chip.now_us - before_us < 350  # of 1316 between two edges
+        bench.samples(3)
+
+
+@pytest.mark.parametrize(
+    ("half", "reg"),
+    [
+        *((G, reg) for reg in range(0x20, 0x25)),
+        *((XM, reg) for reg in range(0x1F, 0x27)),
+    ],
+)
+def test_a_register_that_changes_by_itself_is_noticed_by_the_second_check(half, reg):
+    bench = running()
+    bench.chip.files[half][reg] ^= 0x41
+    assert lib.SENSOR_UNSET in (check(bench), check(bench))
+    assert bench.identity.wrong_register == reg
+    assert bench.set_up() == lib.SENSOR_OK
+    assert axes(bench.sample().acc) == (0, 0, round(1 / 0.732e-3))

@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from core import desk
 from core.desk import Array
 from core.doubles import (
     apart_from,
@@ -19,8 +18,6 @@ from core.doubles import (
     unit,
     wild,
 )
-from core.scenes import Attitude, at_rest, scene
-from core.test_fuse import STARTS
 from imud import rotation
 
 pytestmark = pytest.mark.sampled(4)
@@ -60,30 +57,3 @@ def test_the_comparison_would_see_another_gain():
     felt = wild(200, 15, 5)
     apart, _ = apart_from(felt, "mahony", partial(step, gain=14.5))
     assert rms(apart) > 0.05
-
-
-@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
-def test_an_attitude_that_has_changed_unseen_is_found_in_8_seconds(start):
-    # The field is steep: of Kp a sixth turns the heading, every other sample.
-    away = rotation.from_rotation_vector(np.array([1.0, -1.0, 1.0]))
-    quat = np.vstack(
-        [at_rest(1, 200, start), at_rest(8, 200, rotation.multiply(away, start))]
-    )
-    felt = scene(quat, 200, seed=1)
-    felt.gyr[200] = 0
-    found, _ = Attitude("mahony").feel(felt)
-    apart = desk.apart_deg(found, felt.quat)
-    assert apart[200] > 80
-    assert apart[200 + 400] > 10
-    assert apart[-1] < 1
-
-
-def test_a_disturbed_field_turns_the_heading_and_in_the_end_tilts_nothing():
-    felt = scene(at_rest(10), 200, noise=0)
-    felt.mag[1000:] += (40, 10, 30)
-    found, _ = Attitude("mahony").feel(felt)
-    tilt = desk.tilt_deg(found, felt.quat)
-    # On the way the cross product of the fields is not upright.
-    assert 1 < tilt.max() < 6
-    assert tilt[-1] < 0.01
-    assert desk.apart_deg(found, felt.quat)[-1] > 20

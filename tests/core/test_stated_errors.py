@@ -2,8 +2,8 @@
 """Stated errors of poses in hard conditions: a true error lies inside the stated
 95 %, or none is stated; and where nothing is wrong it is not stated for nothing.
 
-Figures in docstrings are errors in degrees, true and stated, over some seeds; "before"
-are those of the filter without the rules that docs/decisions/filter.md has for it.
+Figures in docstrings are errors in degrees, true and stated, over some seeds;
+docs/decisions/filter.md has the rules that keep them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ SETTLED_S = 15.0
     ],
 )
 def test_a_magnet_from_power_on_is_in_the_stated_heading(size_ut, is_known):
-    """Before: at 400 uT 24 to 62 at 3 to 4; at 2000 uT 25 to 66 at 1, for ever."""
     felt = ground.own_field(size_ut, seed=1)
     assert poses_of(felt, is_known=is_known).since(SETTLED_S).honest_headings >= HONEST
 
@@ -39,7 +38,6 @@ def test_a_magnet_from_power_on_is_in_the_stated_heading(size_ut, is_known):
     [15, 300],
 )
 def test_a_probe_that_was_switched_on_upon_steel_states_so(size_ut):
-    """Before: at 70 uT 15 to 75 at 17, at 300 uT 24 to 99 at 5, long afterwards."""
     felt = ground.laid_on_steel(size_ut, seed=1)
     assert poses_of(felt).since(SETTLED_S).honest_headings >= HONEST
 
@@ -52,13 +50,12 @@ def test_a_probe_that_was_switched_on_upon_steel_states_so(size_ut):
     ],
 )
 def test_mains_are_in_the_stated_heading(hz):
-    """Before: 20 uT of 50 Hz, half the magnetometer's rate: 14 to 16 at 1.2."""
     felt = ground.beside_a_motor(hz, 20, seed=1)
     assert poses_of(felt).since(30).honest_headings >= HONEST
 
 
 def test_mains_average_out():
-    """To 0.5; before 3.6 to 5.6, withheld, and 14 to 16."""
+    """To 0.5."""
     for hz in (49.8, 50.0):
         found = poses_of(ground.beside_a_motor(hz, 20, seed=1)).since(30)
         assert found.heading_rms_deg < 1.5
@@ -66,19 +63,16 @@ def test_mains_average_out():
 
 
 def test_a_module_turned_about_one_axis_knows_what_that_does_not_show():
-    """Before: Uncalibrated, the first 10 s of motion: 14 to 58 % honest, 22 at 6."""
     felt = ground.shop_module_turned_about_one_axis(seed=3)
     assert poses_of(felt, is_known=False).since(20, 30).honest_headings >= HONEST
 
 
 def test_a_slow_turn_at_power_on_is_in_the_stated_heading():
-    """Before: 1 to 3 deg/s, uncalibrated, once it lies still: 126 to 143 at 20."""
     felt = ground.turned_slowly(3, seed=1)
     assert poses_of(felt, is_known=False).since(32, 50).honest_headings >= HONEST
 
 
 def test_a_turn_at_power_on_is_not_taken_for_a_rest():
-    """Before: 25 deg/s: afterwards in a hand tilt is 20, heading 100."""
     found = poses_of(ground.turned_slowly(25, seed=1)).since(60)
     assert np.sqrt(np.mean(found.tilt_deg**2)) < 2
     assert found.heading_rms_deg < 15
@@ -116,7 +110,6 @@ def test_what_a_drift_may_do_to_the_level_is_stated_of_the_heading(drift_mg_k):
 
 
 def test_an_accelerometer_that_reads_nothing_gives_no_tilt():
-    """Before: Lying at 60 degrees: 60 at 0.4."""
     felt = ground.lying(60)
     felt.acc[:] = 0
     found = poses_of(felt).since(SETTLED_S)
@@ -125,7 +118,6 @@ def test_an_accelerometer_that_reads_nothing_gives_no_tilt():
 
 
 def test_an_accelerometer_at_the_end_of_its_range_gives_no_tilt():
-    """Before: Two axes in a hand: tilt 87, heading 48 at 8."""
     felt = ground.in_hand(1)
     felt.acc[:, :2] = ground.RANGE
     found = poses_of(felt).since(SETTLED_S)
@@ -151,7 +143,6 @@ def test_a_magnetometer_with_an_inverted_axis_is_in_the_stated_heading():
 
 
 def test_a_magnetometer_that_is_stuck_leaves_the_tilt():
-    """Before: Uncalibrated: tilt 0.1, withheld in 61 % of poses."""
     felt = ground.in_hand(1)
     felt.mag[:] = felt.mag[10]
     found = poses_of(felt, is_known=False).since(SETTLED_S)

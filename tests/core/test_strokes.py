@@ -152,20 +152,6 @@ def test_a_long_gap_in_time_ends_a_stroke(single: Measured) -> None:
     assert names(strokes) == [lib.STROKE_END_GAP]
 
 
-def test_a_stroke_that_begins_in_motion_has_no_length(single: Measured) -> None:
-    held = np.zeros(len(single.samples), bool)
-    held[at(single, 0.4) : at(single, 1.2)] = True
-    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    assert names(strokes) == [lib.STROKE_END_MOVING]
-
-
-def test_a_stroke_that_ends_in_motion_has_no_length(single: Measured) -> None:
-    held = np.zeros(len(single.samples), bool)
-    held[at(single, -0.1) : at(single, 0.45)] = True
-    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    assert names(strokes) == [lib.STROKE_END_MOVING]
-
-
 def test_a_thrown_probe_is_too_fast(single: Measured) -> None:
     samples = single.samples.copy()
     begin = at(single, 0.2)
