@@ -14,17 +14,13 @@ from typing import Any
 
 import pytest
 
+import board_facts
 import bootloaders
 import images
 from bits.processors import PROCESSORS, command
+from board_facts import BOUND_US, POWER_ON, SOFTWARE, WATCHDOG, Fact, starts
 from length import choose
-from letters import FAILED_BURSTS, NACK, OK, STUCK, TIMEOUT, Board, Run
-
-POWER_ON, EXTERNAL, BROWN_OUT, WATCHDOG, SOFTWARE = "01", "02", "04", "08", "10"
-
-# The longest that any function of board.h takes, in microseconds.
-BOUND_US = 5000
-
+from letters import FAILED_BURSTS, OK, Board, Run
 
 PROCESSOR = choose(everyday=["atmega328p"], long=["atmega328p", "atmega2560"])
 RAM = {"atmega328p": 2048, "atmega2560": 8192}
@@ -41,7 +37,9 @@ def program(root: Path, processor: str) -> Path:
     avr = root / "firmware" / "avr"  # of its two sensors one is linked
     core.discard(root / "firmware" / "core" / "math" / "fixed_mul.c")
     return images.program(
-        *(*command(PROCESSORS[processor]), root / "tests" / "avr" / "board_test.c"),
+        *(*command(PROCESSORS[processor]), "-I", root / "tests" / "generic"),
+        root / "tests" / "avr" / "board_test.c",
+        root / "tests" / "generic" / "letters.c",
         *sorted(core),
         *sorted((root / "firmware" / "generic").glob("*.c")),
         *sorted({*avr.glob("*.[cS]")} - {avr / "chip_pair.c"}),
@@ -76,22 +74,12 @@ def board(program: Path, nano: Path, tmp_path: Path) -> Board:
     return run
 
 
-def starts(run: Run) -> list[str]:
-    return [line[6:] for line in run.lines if line.startswith("start ")]
+@pytest.mark.parametrize("fact", board_facts.ALL, ids=lambda fact: fact.__name__)
+def test_a_fact_of_every_board(board: Board, fact: Fact, processor: str) -> None:
+    def stack(run: Run) -> int:
+        return int(RAM[processor] - run.summary["ram"])
 
-
-def test_power_is_told_as_the_cause_of_the_first_start(board: Board) -> None:
-    assert starts(board(seconds=0.1)) == [POWER_ON]
-
-
-@pytest.mark.parametrize(
-    ("kind", "cause"), [("reset", EXTERNAL), ("brown_out", BROWN_OUT)]
-)
-def test_a_reset_from_outside_is_told_by_its_kind(
-    board: Board, kind: str, cause: str
-) -> None:
-    run = board(seconds=0.5, faults=[{"kind": kind, "at_us": 200000}])
-    assert starts(run) == [POWER_ON, cause]
+    fact(board, board_facts.Room(slots=2, stack=stack))
 
 
 @pytest.mark.parametrize("letter", ["H", "I"])
@@ -166,57 +154,12 @@ def test_a_register_is_read(board: Board) -> None:
     assert line.startswith("read 0 71 ")
 
 
-def test_an_absent_device_is_a_nack(board: Board) -> None:
-    run = board((100, "nr"), seconds=0.2)
-    assert [result for result, *_ in run.numbers("read")] == [NACK, OK]
-
-
-@pytest.mark.parametrize("byte", range(4))
-def test_a_held_sda_is_reported_in_time_and_freed_by_clocks(
-    board: Board, byte: int
-) -> None:
-    fault = {"kind": "stuck_sda", "transaction": 1, "byte": byte, "clocks": 7}
-    run = board((100, "rvr"), seconds=0.2, faults=[fault])
-    reads = run.numbers("read")
-    assert reads[0][0] in (STUCK, TIMEOUT)
-    assert reads[0][-1] < BOUND_US
-    assert run.numbers("recover")[0][0] == OK
-    assert reads[1][0] == OK
-
-
-def test_an_sda_held_for_ever_is_reported_in_time_by_all(board: Board) -> None:
-    run = board(
-        (100, "rvr"), seconds=0.2, faults=[{"kind": "stuck_sda", "at_us": 50000}]
-    )
-    results = run.numbers("read") + run.numbers("recover")
-    assert [result for result, *_ in results] == [STUCK] * 3
-    assert all(us < BOUND_US for *_, us in results)
-
-
 def test_samples_are_stamped_every_5_ms(board: Board) -> None:
     run = board((100, "us" + "o" * 20), seconds=0.5)
-    times = [at for at, _, _ in run.numbers("sample")]
+    times = [int(words[1]) for words in run.words("sample")]
     assert len(times) == 20
     assert {b - a for a, b in itertools.pairwise(times)} <= {4999, 5000, 5001}
-    assert all(
-        line.startswith("sample 0x0800 ") for line in run.lines if "sample" in line
-    )
-
-
-def test_every_edge_is_taken_or_counted_as_missed(board: Board) -> None:
-    run = board((100, "uswtwto"), seconds=0.5)
-    took = run.numbers("took")
-    (_, missed, ready) = run.numbers("sample")[0]
-    assert [taken for taken, *_ in took] == [2, 2]
-    assert sum(t + m for t, m, *_ in took) + 1 + missed == ready > 20
-
-
-def test_samples_that_a_stop_leaves_behind_are_counted_as_missed(board: Board) -> None:
-    run = board((100, "uswpswto"), seconds=0.5)
-    ((taken, before, *_),) = run.numbers("took")
-    _, missed, ready = run.numbers("sample")[0]
-    assert taken == 2
-    assert taken + before + 1 + missed == ready
+    assert all(words[0][8:12] == "0800" for words in run.words("sample"))
 
 
 @FAILED_BURSTS
@@ -229,14 +172,14 @@ def test_a_failed_burst_is_reported_once_and_sampling_goes_on_after_recovery(
     assert first[-1] in failures
     assert second[-2] == 1
     assert run.numbers("recover")[0][0] == OK
-    ((_, missed, ready),) = run.numbers("sample")
+    ((*_, missed, ready),) = run.numbers("sample")
     assert ready == missed + 2, "the failed one and the last one"
 
 
 def test_a_send_takes_all_or_nothing_and_idle_means_gone(board: Board) -> None:
     run = board((100, "f"), seconds=0.2)
     assert "-" + "." * 190 in run.lines
-    assert "sent 1 1 0 1 gone 0 idle 0" in run.lines
+    assert "sent 1 1 0 1 0 0" in run.lines
 
 
 def test_bytes_beyond_the_64_that_wait_are_lost_and_counted(board: Board) -> None:
@@ -244,20 +187,18 @@ def test_bytes_beyond_the_64_that_wait_are_lost_and_counted(board: Board) -> Non
     assert run.numbers("lost") == [[16]] * 64
 
 
-def test_the_eeprom_keeps_what_is_written(board: Board) -> None:
-    assert "eeprom 0 ff" in board((100, "e"), seconds=0.5).lines
-
-
 def test_entropy_differs_from_call_to_call_and_from_board_to_board(
     board: Board,
 ) -> None:
-    seen = [
+    found = [
         word
         for seed in ("1", "2")
-        for word in board((100, "x"), seconds=0.2, options=("--seed", seed)).lines[1:]
+        for words in board((100, "x"), seconds=0.2, options=("--seed", seed)).words(
+            "entropy"
+        )
+        for word in words
     ]
-    words = " ".join(seen).replace("entropy ", "").split()
-    assert len(words) == len(set(words)) == 4
+    assert len(found) == len(set(found)) == 4
 
 
 def test_the_supply_is_known_from_the_second_look_on(board: Board) -> None:
@@ -273,28 +214,6 @@ def test_the_clock_neither_stops_nor_jumps_where_its_timer_overflows(
 ) -> None:
     ((longest,),) = board((100, "c"), seconds=0.5).numbers("clock")
     assert longest < 60
-
-
-def test_the_free_stack_agrees_with_the_emulators_own_count(
-    board: Board, processor: str
-) -> None:
-    run = board((100, "dd"), seconds=0.2)
-    (before, after), (again, _) = run.numbers("stack")
-    assert before - 300 <= after < before - 150
-    assert again == after
-    used = run.summary["ram"] + run.summary["stack_max"]
-    assert abs(RAM[processor] - used - after) <= 2
-
-
-def test_the_button_is_down_while_it_is_pressed(board: Board) -> None:
-    run = board(
-        (100, "b"),
-        (200, "b"),
-        (300, "b"),
-        seconds=0.4,
-        options=("--press", "150000:250000"),
-    )
-    assert run.numbers("button") == [[0], [1], [0]]
 
 
 def test_a_board_with_nothing_to_do_sleeps(board: Board) -> None:

@@ -16,7 +16,9 @@ from stm32.programs import FLOAT_ABIS, board_program
 
 @pytest.fixture(scope="session", params=FLOAT_ABIS)
 def program(root: Path, request: pytest.FixtureRequest) -> Path:
-    return board_program(request.param, (root / "tests" / "stm32").glob("*.c"))
+    tests = root / "tests"
+    sources = [*(tests / "stm32").glob("*.c"), tests / "generic" / "letters.c"]
+    return board_program(request.param, sources)
 
 
 @pytest.fixture(scope="session")

@@ -28,7 +28,8 @@ def board_program(float_abi: str, sources: Iterable[Path]) -> Path:
     fpu = "cortex_m4_fpu" if float_abi == "hard" else "cortex_m4"
     return images.program(
         *command(PROCESSORS[fpu]),
-        *("-I", ROOT / "tests" / "stm32", *sorted(sources)),
+        *("-I", ROOT / "tests" / "stm32", "-I", ROOT / "tests" / "generic"),
+        *sorted(sources),
         *sorted((FIRMWARE / "core").rglob("*.c")),
         *sorted((FIRMWARE / "generic").glob("*.c")),
         *sorted((FIRMWARE / "stm32").glob("*.c")),

@@ -9,11 +9,6 @@ from pathlib import Path
 from letters import Run
 
 
-def starts(run: Run) -> list[str]:
-    """The cause of each."""
-    return [cause for cause, _ in run.words("start")]
-
-
 def addresses(run: Run) -> list[int]:
     """Where the program was struck before each start; 0: it was not, or who knows."""
     return [int(address, 16) for _, address in run.words("start")]

@@ -11,34 +11,22 @@ from pathlib import Path
 
 import pytest
 
-from letters import OK, STUCK, TIMEOUT, Board
-from stm32.starts import addresses, places, starts
+import board_facts
+from board_facts import POWER_ON, SOFTWARE, WATCHDOG, Fact, starts
+from letters import OK, Board
+from stm32.starts import addresses, places
 
 pytestmark = pytest.mark.sampled(3)
 
-POWER_ON, EXTERNAL, BROWN_OUT = "01", "02", "04"
-WATCHDOG, SOFTWARE, HARD_FAULT = "08", "10", "20"
-
-# Longest of any function of board.h but board_init, microseconds.
-BOUND_US = 5000
+HARD_FAULT = "20"
 
 # The first start erases a sector before it prints; then letters are obeyed.
 READY_MS = 2500
 
 
-def test_power_is_told_as_the_cause_of_the_first_start(board: Board) -> None:
-    run = board(seconds=0.1)
-    assert starts(run) == [POWER_ON]
-
-
-@pytest.mark.parametrize(
-    ("kind", "cause"), [("reset", EXTERNAL), ("brown_out", BROWN_OUT)]
-)
-def test_a_reset_from_outside_is_told_by_its_kind(
-    board: Board, kind: str, cause: str
-) -> None:
-    run = board(seconds=0.5, faults=[{"kind": kind, "at_us": 200000}])
-    assert starts(run) == [POWER_ON, cause]
+@pytest.mark.parametrize("fact", board_facts.ALL, ids=lambda fact: fact.__name__)
+def test_a_fact_of_every_board(board: Board, fact: Fact) -> None:
+    fact(board, board_facts.Room(slots=8, stack=lambda _: 8192))
 
 
 @pytest.mark.parametrize("letter", ["H", "D"])
@@ -117,33 +105,6 @@ def test_registers_are_read_one_two_three_and_four_at_a_time(board: Board) -> No
     assert 80 <= int(run.words("read")[0][2]) <= 110
 
 
-def test_an_absent_device_is_a_nack(board: Board) -> None:
-    run = board((100, "nr"), seconds=0.2)
-    assert [words[0] for words in run.words("read")] == ["-1", "0"]
-
-
-@pytest.mark.parametrize("byte", range(4))
-def test_a_held_sda_is_reported_in_time_and_freed_by_clocks(
-    board: Board, byte: int
-) -> None:
-    fault = {"kind": "stuck_sda", "transaction": 1, "byte": byte, "clocks": 7}
-    run = board((100, "rvr"), seconds=0.2, faults=[fault])
-    reads = run.words("read")
-    assert int(reads[0][0]) in (STUCK, TIMEOUT)
-    assert int(reads[0][-1]) < BOUND_US
-    assert run.numbers("recover")[0][0] == OK
-    assert reads[1][0] == "0"
-
-
-def test_an_sda_held_for_ever_is_reported_in_time_by_all(board: Board) -> None:
-    run = board(
-        (100, "rvr"), seconds=0.2, faults=[{"kind": "stuck_sda", "at_us": 50000}]
-    )
-    results = run.words("read") + run.words("recover")
-    assert [words[0] for words in results] == ["-3"] * 3
-    assert all(int(words[-1]) < BOUND_US for words in results)
-
-
 def test_samples_are_stamped_at_their_edges_and_none_is_stale(board: Board) -> None:
     run = board((100, "us" + "o" * 40), seconds=0.5)
     samples = run.words("sample")
@@ -170,25 +131,6 @@ def test_bursts_of_one_two_and_three_bytes_follow_each_other(
     for words in samples:
         assert words[0][2 * at : 2 * at + len(expected)] == expected
         assert words[2] == "0"
-
-
-def test_every_edge_is_taken_or_counted_as_missed(board: Board) -> None:
-    run = board((100, "uswtwto"), seconds=0.5)
-    took = run.numbers("took")
-    missed, ready = run.numbers("sample")[0][-2:]
-    # The line stays high while nobody reads: there are no more edges than readings,
-    # but for the one whose reading came too late.
-    assert [taken for taken, *_ in took] == [8, 8]
-    assert sum(t + m for t, m, *_ in took) + 1 + missed == ready
-
-
-def test_samples_that_a_stop_leaves_behind_are_counted_as_missed(board: Board) -> None:
-    run = board((100, "uswpswto"), seconds=0.5)
-    ((taken, before, *_),) = run.numbers("took")
-    missed, ready = run.numbers("sample")[0][-2:]
-    assert taken == 8
-    assert before >= 8
-    assert taken + before + 1 + missed == ready
 
 
 def test_a_send_takes_all_or_nothing_and_idle_means_gone(board: Board) -> None:
@@ -233,20 +175,3 @@ def test_the_supply_is_known_from_the_first_look_on(board: Board) -> None:
 def test_the_clock_neither_stops_nor_jumps(board: Board) -> None:
     ((longest,),) = board((100, "c"), seconds=0.5).numbers("clock")
     assert longest < 10
-
-
-def test_the_free_stack_agrees_with_the_emulators_own_count(board: Board) -> None:
-    run = board((100, "dd"), seconds=0.2)
-    (before, after), (again, _) = run.numbers("stack")
-    assert before - 680 <= after < before - 400
-    assert again == after
-    assert abs(8192 - run.summary["stack_max"] - after) <= 8
-
-
-def test_the_button_is_down_while_it_is_pressed(board: Board) -> None:
-    run = board(
-        *((ms, "b") for ms in (100, 200, 300)),
-        seconds=0.4,
-        options=("--press", "150000:250000"),
-    )
-    assert run.numbers("button") == [[0], [1], [0]]

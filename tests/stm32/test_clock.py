@@ -11,8 +11,8 @@ import itertools
 
 import pytest
 
+from board_facts import starts
 from letters import Board, Run
-from stm32.starts import starts
 
 pytestmark = pytest.mark.sampled(3)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import pytest
 
+from board_facts import starts
 from letters import Board, Run
-from stm32.starts import starts
 
 POWER_ON, EXTERNAL, SOFTWARE = "01", "02", "10"
 UNKNOWN = 65535
