@@ -24,7 +24,7 @@ Convention = Literal["aerospace", "nautical", "nectec"]
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
 
 # Closer to the vertical than this, x is taken as vertical: pitch is a quarter turn,
-# roll is 0. Same value as in firmware/core/math/euler.h.
+# roll is 0. web/site/rotation.js has the same value.
 GIMBAL_LOCK_RAD = 1e-5
 
 
@@ -111,7 +111,9 @@ def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
     with x down, roll with y up. Yaw and roll in [-pi, pi), pitch in [-pi/2, pi/2].
     """
     w, x, y, z = np.moveaxis(quat, -1, 0)
-    # The half sum and half difference of yaw and roll: see firmware/core/math/euler.c.
+    # Of q = q_z(yaw) q_y(pitch) q_x(roll): (w - y, x + z) is sqrt(1 - sin pitch) long
+    # and has the angle (yaw + roll) / 2, (w + y, z - x) is sqrt(1 + sin pitch) long and
+    # has the angle (yaw - roll) / 2. Only one of them gets short near the lock.
     half_sum = np.arctan2(x + z, w - y)
     half_difference = np.arctan2(z - x, w + y)
     sum_length = np.hypot(x + z, w - y)

@@ -123,24 +123,6 @@ void loop_to_no_heading(int count, const struct quat *q, struct quat *out) {
     }
 }
 
-void loop_euler(int count, const struct quat *q, struct euler *out) {
-    for (int i = 0; i < count; ++i) {
-        euler_from_quat(&q[i], &out[i]);
-    }
-}
-
-void loop_aerospace(int count, const struct quat *q, struct euler *out) {
-    for (int i = 0; i < count; ++i) {
-        euler_aerospace(&q[i], &out[i]);
-    }
-}
-
-void loop_nectec(int count, const struct quat *q, struct euler *out) {
-    for (int i = 0; i < count; ++i) {
-        euler_nectec(&q[i], &out[i]);
-    }
-}
-
 void loop_axes(int count, const struct quat *q, struct vector *rows) {
     for (int i = 0; i < count; ++i) {
         quat_to_rows(&q[i], &rows[3 * i]);

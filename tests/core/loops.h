@@ -10,7 +10,6 @@
 #include "core/fusion/fuse.h"
 #include "core/fusion/paper_filter.h"
 #include "core/fusion/pose.h"
-#include "core/math/euler.h"
 #include "core/math/fixed.h"
 #include "core/math/quat.h"
 #include "core/math/vector.h"
@@ -43,9 +42,6 @@ void loop_about_z(int count, const int32_t *cosine, const int32_t *sine,
                   struct quat *out);
 void loop_to_no_heading(int count, const struct quat *q, struct quat *out);
 
-void loop_euler(int count, const struct quat *q, struct euler *out);
-void loop_aerospace(int count, const struct quat *q, struct euler *out);
-void loop_nectec(int count, const struct quat *q, struct euler *out);
 void loop_axes(int count, const struct quat *q, struct vector *rows);
 void loop_quat_of_axes(int count, const struct vector *rows, struct quat *out);
 

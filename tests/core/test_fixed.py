@@ -256,17 +256,11 @@ def test_halves_are_rounded_down():
 
 @given(int32s, int32s)
 def test_angles_wrap_at_half_a_turn(a, b):
-    def wrap(value: int) -> int:
-        return (value + 2**31) % 2**32 - 2**31
-
-    assert lib.turn32_add(a, b) == wrap(a + b)
-    assert lib.turn32_sub(a, b) == wrap(a - b)
+    assert lib.turn32_add(a, b) == (a + b + 2**31) % 2**32 - 2**31
 
 
 def test_half_a_turn_and_a_step_is_minus_half_a_turn():
     assert lib.turn32_add(INT32_MAX, 1) == INT32_MIN
-    assert lib.turn32_sub(INT32_MIN, 1) == INT32_MAX
-    assert lib.turn32_sub(0, INT32_MIN) == INT32_MIN
 
 
 def ratio_is_floored(numerator: int, denominator: int) -> bool:

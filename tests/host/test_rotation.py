@@ -180,24 +180,6 @@ def test_angles_stay_in_their_ranges(convention: rotation.Convention) -> None:
         assert -180 <= roll < 180
 
 
-@pytest.mark.native
-def test_the_probe_s_conversions_give_the_same_angles() -> None:
-    """Where fixed point is exact to 5e-6 rad: not next to the vertical."""
-    from core import desk
-
-    quat = anywhere()
-    rows = desk.rounded(quat[np.abs(rotation.to_matrix(quat)[:, 2, 0]) < 0.9999] * ONE)
-    for convention, loop in (
-        ("nautical", desk.lib.loop_euler),
-        ("aerospace", desk.lib.loop_aerospace),
-        ("nectec", desk.lib.loop_nectec),
-    ):
-        fixed = desk.mapped(loop, rows, width=3) / desk.TURN
-        host = rotation.CONVERSIONS[convention](rows / ONE)
-        away = np.remainder(fixed - host + np.pi, 2 * np.pi) - np.pi
-        assert np.abs(away).max() < 5e-6, convention
-
-
 def test_nectec_angles_are_those_of_its_formula() -> None:
     q0, q1, q2, q3 = quat = anywhere().T
     expected = np.array(

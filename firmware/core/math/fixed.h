@@ -35,7 +35,6 @@ typedef int32_t q13_19_t;
 typedef int32_t turn32_t;
 
 #define Q2_30_ONE INT32_C(1073741824)
-#define TURN32_DEGREE INT32_C(11930465)  // 2^32 / 360
 
 // round(a * b / 2^30). Keeps the format of one factor where the other is q2_30.
 // The product over 2^30 must fit 32 bits.
@@ -120,10 +119,6 @@ static inline int32_t fixed_byte_floor(int32_t value) {
 // Angles wrap: the sum is taken modulo one turn.
 static inline turn32_t turn32_add(turn32_t a, turn32_t b) {
     return (turn32_t)((uint32_t)a + (uint32_t)b);
-}
-
-static inline turn32_t turn32_sub(turn32_t a, turn32_t b) {
-    return (turn32_t)((uint32_t)a - (uint32_t)b);
 }
 
 // numerator / denominator as q2_30, floored. Needs numerator < 2 * denominator and

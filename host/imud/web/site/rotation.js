@@ -16,7 +16,7 @@ export const IDENTITY = [1, 0, 0, 0];
 /** @type {readonly Convention[]} */
 export const CONVENTIONS = ["nautical", "aerospace", "nectec"];
 
-// Closer to the vertical than this, x is taken as vertical: firmware/core/math/euler.h.
+// Closer to the vertical than this, x is taken as vertical: host/imud/rotation.py.
 const LOCK_RAD = 1e-5;
 
 /**
