@@ -107,8 +107,8 @@ struct st_die *lsm9ds0_chip_die(struct lsm9ds0_chip *chip, uint8_t number);
 struct st_output lsm9ds0_chip_output(struct lsm9ds0_chip *chip,
                                      enum chip_quantity quantity);
 // One byte from or to the register that the die's pointer is at.
-uint8_t lsm9ds0_chip_read(void *self, uint8_t die);
-void lsm9ds0_chip_write(void *self, uint8_t die, uint8_t value);
+uint8_t lsm9ds0_chip_read(void *self, uint8_t number);
+void lsm9ds0_chip_write(void *self, uint8_t number, uint8_t value);
 
 // sense.c
 // Sets the time of the next sample after a change of rate or power, or at a reboot.
