@@ -13,21 +13,15 @@ def banks_of(memory: Memory) -> set[int]:
     return {(offset - BANKS) // BANK for offset in memory.writes if offset >= BANKS}
 
 
-def test_an_erased_memory_gives_the_defaults():
-    probe = Probe(Memory())
+@pytest.mark.parametrize("filler", [0x00, 0x01, 0x55, 0xB2, 0xFF])
+def test_a_memory_of_one_value_gives_the_defaults(filler):
+    probe = Probe(Memory(bytes([filler]) * SIZE))
     assert probe.loaded == lib.SETTINGS_NONE
     settings = probe.settings
     assert bytes(settings.probe_id) == bytes(8)
     assert settings.boot_count == 0
     assert (settings.pose_rate_hz, settings.raw_rate_hz) == (100, 200)
     assert settings.streams == lib.STREAM_POSE
-
-
-@pytest.mark.parametrize("filler", [0x00, 0x01, 0x55, 0xB2, 0xFF])
-def test_a_memory_of_one_value_gives_the_defaults(filler):
-    probe = Probe(Memory(bytes([filler]) * SIZE))
-    assert probe.loaded == lib.SETTINGS_NONE
-    assert bytes(probe.settings.probe_id) == bytes(8)
 
 
 @pytest.mark.parametrize("saves", range(1, 6))
