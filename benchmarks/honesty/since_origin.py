@@ -56,7 +56,7 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class Paired:
     """Of all pairs of one time, degrees."""
 
     count: int
@@ -70,8 +70,8 @@ class Stated:
 class Line:
     motion: str
     after_s: float
-    heading: Stated
-    tilt: Stated
+    heading: Paired
+    tilt: Paired
 
 
 def known_params() -> bytes:
@@ -175,11 +175,11 @@ def measure_recording(path: Path, board: str) -> tuple[str, list[Pair]]:
     return RECORDED, [pair for pair in pairs if np.isfinite(pair.heading)]
 
 
-def stated(errors: Sequence[float], sigmas: Sequence[float | None]) -> Stated:
+def stated(errors: Sequence[float], sigmas: Sequence[float | None]) -> Paired:
     """The quality of these sigmas for these errors."""
     known = [(e, s) for e, s in zip(errors, sigmas, strict=True) if s is not None]
     error, sigma = np.array(known).reshape(-1, 2).T
-    return Stated(
+    return Paired(
         len(errors),
         1.0 - len(known) / max(1, len(errors)),
         float(np.sqrt(np.mean(sigma**2))),

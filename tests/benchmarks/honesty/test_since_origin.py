@@ -75,8 +75,8 @@ def test_a_short_run_states_errors_that_hold(tmp_path: Path) -> None:
 
 
 def test_errors_outside_what_is_stated_are_missed() -> None:
-    good = since_origin.Stated(100, 0.0, 0.1, 0.1, 0.96)
-    bad = since_origin.Stated(100, 0.0, 0.1, 0.3, 0.92)
+    good = since_origin.Paired(100, 0.0, 0.1, 0.1, 0.96)
+    bad = since_origin.Paired(100, 0.0, 0.1, 0.3, 0.92)
     lines = [
         since_origin.Line("still", 120.0, good, good),
         since_origin.Line("aim", 30.0, good, bad),
