@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import json
 import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
@@ -127,6 +129,11 @@ def known(served: Served, **about: Any) -> Iterator[Live]:
         yield browser
 
 
+@pytest.fixture(autouse=True)
+def heard_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+
+
 def calibration(browser: Live, phase: str) -> dict[str, Any]:
     while True:
         record = browser.next("calibration")
@@ -135,7 +142,7 @@ def calibration(browser: Live, phase: str) -> dict[str, Any]:
 
 
 class Sending(threading.Thread):
-    """Publishes samples, fifty times as fast as a probe, until it is stopped."""
+    """Sends a second of the first pose again and again: no calibration ends by that."""
 
     def __init__(self, served: Served) -> None:
         super().__init__(daemon=True)
@@ -143,11 +150,14 @@ class Sending(threading.Thread):
         self._is_over = threading.Event()
 
     def run(self) -> None:
-        for start in range(0, len(calibrating()), 50):
-            for sample in calibrating()[start : start + 50]:
-                self._served.page.publish([((PROBE, "raw"), payload(sample))])
+        first = calibrating()[:100]
+        for second in itertools.count():
+            for sample in first:
+                at_us = sample.t_us + second * 1_000_000
+                later = msgspec.structs.replace(sample, t_us=at_us)
+                self._served.page.publish([((PROBE, "raw"), payload(later))])
             self._served.page.flush()
-            if self._is_over.wait(0.01):
+            if self._is_over.wait(0.02):
                 return
 
     def stop(self) -> None:
@@ -155,10 +165,7 @@ class Sending(threading.Thread):
         self.join()
 
 
-def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(served: Served) -> None:
     with known(served) as browser:
         browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
         calibration(browser, "preparing")
@@ -183,17 +190,20 @@ def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
         ]
 
 
-def test_a_calibration_may_start_again_at_once_after_its_end(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+def begun(served: Served, browser: Live) -> Sending:
+    """A calibration that takes the samples of a probe."""
+    browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
+    until(lambda: len(served.asked.all) == 3)
+    sending = Sending(served)
+    sending.start()
+    calibration(browser, "running")
+    return sending
+
+
+def test_a_calibration_may_start_again_at_once_after_its_end(served: Served) -> None:
     set_up = ["rate", "fields", "start"]
     with known(served) as browser:
-        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
-        until(lambda: len(served.asked.all) == 3)
-        sending = Sending(served)
-        sending.start()
-        calibration(browser, "running")
+        sending = begun(served, browser)
         served.asked.waits = "stop"
         for _ in range(2):
             browser.say(do="calibrate", id=2, probe=PROBE, kind="end")
@@ -214,15 +224,10 @@ def test_a_calibration_may_start_again_at_once_after_its_end(
 def test_a_probe_that_is_renamed_meanwhile_is_left_as_it_was(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(guide, "HEARD_S", 0.1)
     monkeypatch.setattr(guide, "SILENT_S", 0.5)
     about = {"probe_id": "11bef7fdb5481413", "t_ns": 1}
     with known(served, **about) as browser:
-        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
-        until(lambda: len(served.asked.all) == 3)
-        sending = Sending(served)
-        sending.start()
-        calibration(browser, "running")
+        sending = begun(served, browser)
         status = (
             {"type": "status", "probe": "pen", "hello": HELLO} | about | {"t_ns": 2}
         )
@@ -237,10 +242,7 @@ def test_a_probe_that_is_renamed_meanwhile_is_left_as_it_was(
         ]
 
 
-def test_a_probe_that_has_just_come_is_waited_for(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+def test_a_probe_that_has_just_come_is_waited_for(served: Served) -> None:
     status = {"type": "status", "probe": PROBE, "hello": HELLO}
     params = {"type": "params", "probe": PROBE, "digest": "0", "bytes": ""}
     served.page.publish([((PROBE, "status"), json.dumps(status).encode())])
