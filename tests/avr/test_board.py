@@ -105,23 +105,20 @@ def after_it(processor: str) -> tuple[str, ...]:
     return bootloaders.options(bootloaders.RUNS_ON[processor])
 
 
-@pytest.mark.parametrize("letter", ["H", "I"])
-def test_after_a_bootloader_that_runs_on_the_image_ends_a_hang_itself(
-    board: Board, letter: str, after_it: tuple[str, ...]
+@pytest.mark.parametrize(
+    ("sent", "causes"),
+    [
+        (((100, "H"), (900, "r"), (1000, "H"), (1900, "r")), [WATCHDOG, WATCHDOG]),
+        (((100, "I"), (900, "r"), (1000, "I"), (1900, "r")), [WATCHDOG, WATCHDOG]),
+        (((100, "R"), (2000, "r"), (2100, "H"), (2700, "r")), [SOFTWARE, WATCHDOG]),
+    ],
+    ids=["a hang", "an unhandled interrupt", "a software reset, then a hang"],
+)
+def test_after_a_bootloader_that_runs_on_the_image_restarts_itself(
+    board: Board, sent: Any, causes: list[int], after_it: tuple[str, ...]
 ) -> None:
-    sent = ((100, letter), (900, "r"), (1000, letter), (1900, "r"))
-    run = board(*sent, seconds=2.0, options=after_it)
-    assert starts(run) == [POWER_ON, WATCHDOG, WATCHDOG]
-    assert [result for result, *_ in run.numbers("read")] == [OK, OK]
-    assert run.summary["resets"] == 0
-
-
-def test_after_one_that_runs_on_a_software_reset_starts_the_bootloader(
-    board: Board, after_it: tuple[str, ...]
-) -> None:
-    sent = ((100, "R"), (2000, "r"), (2100, "H"), (2700, "r"))
     run = board(*sent, seconds=3.0, options=after_it)
-    assert starts(run) == [POWER_ON, SOFTWARE, WATCHDOG]
+    assert starts(run) == [POWER_ON, *causes]
     assert [result for result, *_ in run.numbers("read")] == [OK, OK]
     assert run.summary["resets"] == 0
 
