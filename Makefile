@@ -115,11 +115,9 @@ bench: ## accuracy, or WHAT=honesty, nano, mega, f405, micropython, pico, card, 
 	@$(PYTHON) tools/setup.py bench
 	@python -m benchmarks $(WHAT)
 
-pictures: ## draws docs/pictures, from the results of `make bench`, and of the page
+pictures: ## draws the plots of docs/pictures from the results of `make bench`
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/pictures/results.py
-	@python benchmarks/pictures/page_views.py
-	@python benchmarks/pictures/page_moving.py
 
 release: ## builds packages for pip, firmware, lists and sums, of the last commit: build/release/dist
 	@$(PYTHON) tools/setup.py release

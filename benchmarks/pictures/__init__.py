@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Draws docs/pictures from what the other rooms measure."""
+"""Draws the plots of docs/pictures from what the other rooms measure."""
