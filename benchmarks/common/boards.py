@@ -24,6 +24,4 @@ NANO = Board("nano", "ATmega328P", "nano", 16e6, feed.MPU9250)
 MEGA = Board("mega", "ATmega2560", "mega", 16e6, replace(feed.MPU9250, board="mega"))
 F405 = Board("f405", "STM32F405", "stm32f405", 168e6, feed.LSM9DS0)
 BOARDS = {board.name: board for board in (NANO, F405)}
-# Those that measure strokes themselves.
-STROKING = {board.name: board for board in (F405, MEGA)}
 IMAGES = tuple(BOARDS)  # their names among the engines

@@ -43,8 +43,6 @@ SIGMAS = {
 
 ALMOST = [[1.0, 2.0**-14, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
-TIP = {"offset_m": (0.12, 0.005, -0.01), "method": "typed"}
-
 
 @dataclass(frozen=True, slots=True)
 class Found:
@@ -80,7 +78,6 @@ class Case:
     plan: Plan
     module: str = "calibrated"
     is_by_button: bool = True
-    has_tip: bool = False  # in its params
 
 
 def params_of(case: Case) -> bytes:
@@ -92,8 +89,6 @@ def params_of(case: Case) -> bytes:
             params = params.replaced(sensor, known | sigma)
     if case.is_by_button:
         params = params.replaced("options", {"button_does": "stroke"})
-    if case.has_tip:
-        params = params.replaced("tip", TIP)
     return params.encode()
 
 
