@@ -33,9 +33,8 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "firmware/cycles.py",
     ),
     "mega": (
-        "the same of the Mega's image, and strokes through it",
+        "the same of the Mega's image",
         "firmware/cycles.py --board mega",
-        "strokes/on_board.py --board mega",
     ),
     "f405": (
         "the same of the F405, in instructions, at both of its rates",
@@ -59,10 +58,8 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "host/faults.py",
     ),
     "host": (
-        "the daemon: latency, CPU, memory; 3 h of frames with faults",
+        "the daemon: latency, CPU, memory",
         "host/daemon.py",
-        "host/soak.py",
-        "host/soak.py --limited",
     ),
     "attacks": (
         "an hour of attacks on the daemon, beside its clients",
@@ -92,7 +89,6 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "how well strokes are measured: a simulated hand, the firmware's C",
         "strokes/on_host.py",
         "strokes/on_host.py --board nano",
-        "strokes/on_board.py",
     ),
     "tip": (
         "how well the tip is found: a simulated hand that wobbles the probe",
