@@ -29,7 +29,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "honesty/aims.py",
     ),
     "nano": (
-        "cycles, stack, flash and RAM of the image, its parts, its slowest samples",
+        "cycles, stack, flash and RAM of the image, its slowest samples",
         "firmware/cycles.py",
     ),
     "mega": (

@@ -4,7 +4,7 @@
 Runs the board's image with all streams on, while a hand turns the probe any way up,
 draws strokes, rests, and works beside magnets. Then it runs the image again while the
 host restarts its filter or changes its params (commanded.py), and shows the slowest
-samples of these runs by function. An STM32F405 also logs to a card; its cycles are
+sample of each run by function. An STM32F405 also logs to a card; its cycles are
 counted as instructions, without wait states of flash, buses and exceptions.
 """
 
@@ -27,7 +27,7 @@ from benchmarks.common import capture as captures
 from benchmarks.common.boards import MEGA, NANO, Board
 from benchmarks.common.capture import Capture
 from benchmarks.common.images import RunFailed, build
-from benchmarks.firmware import commanded, parts
+from benchmarks.firmware import commanded
 from benchmarks.harness import Figure, Report, Table
 from imud.cli import main as imud
 from imud.virtual import motion, sensors
@@ -101,10 +101,8 @@ def measure(
     """Run an image on a motion with all streams on, and profile it."""
     rate_hz = int(board.chip.rate_hz)
     with tempfile.TemporaryDirectory() as folder:
-        where, profile = Path(folder) / "parts", Path(folder) / "profile.json"
-        parts.write(image, where)
-        words = ["--seed", str(seed), *options]
-        words += ["--profile", str(profile), "--parts", str(where)]
+        profile = Path(folder) / "profile.json"
+        words = ["--seed", str(seed), *options, "--profile", str(profile)]
         if board.name == F405.name:
             words += ["--card", str(prepared(Path(folder), motion.load(hand).seconds))]
         capture = captures.run(
@@ -168,38 +166,6 @@ def image_of(lines: Iterable[Line]) -> Table:
     return Table("image", {"": "", "measured": "", "limit": ""}, rows)
 
 
-def parts_of(profile: Mapping[str, Any]) -> Table:
-    """Cycles of a sample by part, largest mean first, then all."""
-    count, total = profile["samples"], profile["total"]
-    tallies = profile["parts"]
-    for kind in ("cycles", "outside", "in_worst"):
-        whole = sum(tally[kind] for tally in tallies.values())
-        if whole != total[kind]:
-            raise RunFailed(f"{kind}: parts {whole}, total {total[kind]}")
-    by_size = sorted(tallies.items(), key=lambda item: -item[1]["cycles"])
-    columns = {"part, cycles a sample": "", "mean": ",.0f", "worst": ",d"}
-    columns |= {"in the worst sample": ",d", "before or after its work": ",.0f"}
-    rows = [
-        (
-            *(name, tally["cycles"] / count, tally["worst"]),
-            *(tally["in_worst"], tally["outside"] / count),
-        )
-        for name, tally in [*by_size, ("all", total)]
-    ]
-    return Table("parts", columns, rows)
-
-
-def interrupts_of(profile: Mapping[str, Any]) -> Table:
-    """How often interrupts come, and what they take."""
-    columns = {"interrupt": "", "a sample": ".2f", "mean, cycles": ".1f", "worst": ",d"}
-    count = profile["samples"]
-    rows = [
-        (name, each["calls"] / count, each["cycles"] / each["calls"], each["worst"])
-        for name, each in profile["interrupts"].items()
-    ]
-    return Table("interrupts", columns, rows)
-
-
 def slowest_of(what: str, profile: Mapping[str, Any]) -> Table:
     """The functions of a run's slowest sample: of their own, with what they call."""
     found = [
@@ -236,7 +202,7 @@ def measured(args: argparse.Namespace) -> Report:
         made.save(hand)
         made[: round(commanded.SECONDS * sensors.HAND_RATE_HZ)].save(begin)
         whole = measure(board, image, hand, args.seed)
-        tables = [parts_of(whole.profile), interrupts_of(whole.profile)]
+        tables = [slowest_of("the whole motion", whole.profile)]
         slowest = {}
         for what, kind in commanded.KINDS.items():
             words = kind.options(1e6 / board.chip.rate_hz)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The cycles of an image: sums, limits, and commands at every phase of a sample."""
+"""The cycles of an image: limits, and commands at every phase of a sample."""
 
 from __future__ import annotations
 
@@ -18,15 +18,8 @@ from benchmarks.firmware import commanded, cycles
 PERIOD_US = 5000
 
 
-def tally(inside: int, worst: int, in_worst: int, outside: int) -> dict[str, int]:
-    return {"cycles": inside, "worst": worst, "in_worst": in_worst, "outside": outside}
-
-
 def profile() -> dict[str, Any]:
     return {
-        "samples": 10,
-        "total": tally(1000, 130, 130, 50),
-        "parts": {"a": tally(300, 60, 40, 0), "b": tally(700, 90, 90, 50)},
         "functions": {
             name: {"self": {"in_worst": own}, "inclusive": {"in_worst": inclusive}}
             for name, own, inclusive in (
@@ -37,23 +30,6 @@ def profile() -> dict[str, Any]:
             )
         },
     }
-
-
-def test_parts_come_by_their_mean_and_the_total_last() -> None:
-    rows = cycles.parts_of(profile()).rows
-    assert rows == [
-        ("b", 70.0, 90, 90, 5.0),
-        ("a", 30.0, 60, 40, 0.0),
-        ("all", 100.0, 130, 130, 5.0),
-    ]
-
-
-@pytest.mark.parametrize("kind", ["cycles", "in_worst", "outside"])
-def test_parts_that_do_not_add_up_are_refused(kind: str) -> None:
-    wrong = profile()
-    wrong["parts"]["a"][kind] += 1
-    with pytest.raises(RunFailed, match=kind):
-        cycles.parts_of(wrong)
 
 
 def test_the_slowest_sample_is_shown_with_who_calls_the_slow_ones() -> None:
