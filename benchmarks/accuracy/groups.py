@@ -48,28 +48,9 @@ def is_magnet(outcome: Outcome) -> bool:
     return Recipe(outcome.group, outcome.seed).room == MAGNET
 
 
-def by_condition(outcomes: Sequence[Outcome]) -> dict[str, Summary]:
-    """Each room and module, with all rides but the pendulum made to fail."""
-
-    def condition(outcome: Outcome) -> str:
-        recipe = Recipe(outcome.group, outcome.seed)
-        return f"{recipe.room}, {recipe.module}"
-
-    rest = [each for each in outcomes if each.group != EAST]
-    return {name: Summary.of(each) for name, each in grouped(rest, condition).items()}
-
-
-def tables_of(outcomes: Sequence[Outcome]) -> list[Table]:
+def table_of(groups: Mapping[str, Summary]) -> Table:
     """Errors in degrees rms, means over recordings."""
-    each = {str(outcome): Summary.of([outcome]) for outcome in outcomes}
-    return [
-        Table.of(name, COLUMNS, [summary.row(of) for of, summary in found.items()])
-        for name, found in (
-            ("recordings", each),
-            ("conditions", by_condition(outcomes)),
-            ("groups", by_group(outcomes)),
-        )
-    ]
+    return Table.of("groups", COLUMNS, [each.row(of) for of, each in groups.items()])
 
 
 def figures(groups: Mapping[str, Summary]) -> Iterator[Figure]:
@@ -111,7 +92,8 @@ def measured(args: argparse.Namespace) -> Report:
     wanted = [each for each in recipes(args.set) if each.group in args.groups]
     task = partial(measure, board=args.board)
     outcomes = list(harness.each(task, wanted, args.jobs, "recordings"))
-    return Report(tables_of(outcomes), [*figures(by_group(outcomes))])
+    found = by_group(outcomes)
+    return Report([table_of(found)], [*figures(found)])
 
 
 def more(parser: argparse.ArgumentParser) -> None:

@@ -201,16 +201,7 @@ def tables_of(results: Sequence[Result], board: str) -> list[Table]:
         name: [titles[name], *(str(found[name]) for found in means.values() if found)]
         for name in names
     }
-    trials = {
-        each.trial.name: [f"{each.scores[n].total:.2f}" for n in names]
-        for each in results
-    }
     return [
-        Table(
-            "trials",
-            {"trial": ""} | dict.fromkeys(names, ""),
-            [(name, *each) for name, each in trials.items()],
-        ),
         Table(
             "errors",
             {"": ""} | columns,

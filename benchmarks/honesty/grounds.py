@@ -12,7 +12,6 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -54,51 +53,10 @@ def first_of(own: Estimate, motion: Motion) -> Coverage:
     return scoring.coverage_where(first, own, motion)
 
 
-FIRST_COLUMNS = {
-    "uncalibrated, the first 10 s": ("group", ""),
-    "recordings": ("count", "d"),
-    "heading in, %": ("heading", ".0f"),
-    "worst": ("worst heading", ".0f"),
-    "withheld, %": ("withheld", ".0f"),
-    "tilt in, %": ("tilt", ".0f"),
-    "worst tilt": ("worst tilt", ".0f"),
-}
-
-
-def first_row(group: str, firsts: Sequence[Coverage]) -> dict[str, Any]:
-    """As FIRST_COLUMNS name it."""
-    mean = Coverage.mean(firsts)
-    return {
-        "group": group,
-        "count": len(firsts),
-        "heading": 100.0 * mean.heading,
-        "worst heading": 100.0 * least([each.heading for each in firsts]),
-        "withheld": 100.0 * mean.heading_null,
-        "tilt": 100.0 * mean.tilt,
-        "worst tilt": 100.0 * least([each.tilt for each in firsts]),
-    }
-
-
-def least(shares: Sequence[float]) -> float:
-    """The least share; recordings that state no error have none."""
-    return min((share for share in shares if math.isfinite(share)), default=math.nan)
-
-
-def tables_of(groups: Mapping[str, Sequence[Outcome]]) -> list[Table]:
+def table_of(groups: Mapping[str, Sequence[Outcome]]) -> Table:
     """Errors in degrees rms, means over recordings."""
-    firsts = [
-        first_row(name, [each.first for each in groups[name] if each.first])
-        for name in UNCALIBRATED
-        if name in groups
-    ]
-    every = [each for group in groups.values() for each in group]
-    each = [Summary.of([outcome]).row(str(outcome)) for outcome in every]
     rows = [Summary.of(group).row(name) for name, group in groups.items()]
-    return [
-        Table.of("recordings", COLUMNS, each),
-        Table.of("first", FIRST_COLUMNS, firsts),
-        Table.of("groups", COLUMNS, rows),
-    ]
+    return Table.of("groups", COLUMNS, rows)
 
 
 def figures(groups: Mapping[str, Sequence[Outcome]]) -> Iterator[Figure]:
@@ -160,7 +118,7 @@ def measured(args: argparse.Namespace) -> Report:
     task = partial(measure, board=args.board)
     outcomes = harness.each(task, work, args.jobs, "recordings")
     groups = grouped(outcomes, lambda each: each.group)
-    return Report(tables_of(groups), [*figures(groups)])
+    return Report([table_of(groups)], [*figures(groups)])
 
 
 main = partial(

@@ -53,7 +53,7 @@ def test_few_errors_inside_and_a_pose_of_other_bits_are_missed() -> None:
 
 
 def test_the_image_stands_for_the_c_that_computes_the_same_poses() -> None:
-    _, errors, papers = recordings.tables_of([result()], "nano")
+    errors, papers = recordings.tables_of([result()], "nano")
     names = [row[0] for row in errors.rows]
     assert names[0] == "imu-probe, ATmega328P"
     assert len(names) == 3

@@ -90,10 +90,5 @@ def test_groups_are_measured(tmp_path: Path) -> None:
     path = tmp_path / "grounds.json"
     words = ["--groups", "one axis", "warm", "--seeds", "1", "--jobs", "1"]
     grounds.main(arguments=[*words, "--output", str(path)])
-    tables = json.loads(path.read_text())["tables"]
-    names = {name: [row[0] for row in tables[name]["rows"]] for name in tables}
-    assert names == {
-        "recordings": ["one axis 1", "warm 1"],
-        "first": ["one axis"],
-        "groups": ["one axis", "warm"],
-    }
+    rows = json.loads(path.read_text())["tables"]["groups"]["rows"]
+    assert [row[0] for row in rows] == ["one axis", "warm"]
