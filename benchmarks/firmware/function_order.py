@@ -24,7 +24,6 @@ import math
 import random
 import re
 import subprocess
-import sys
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -54,10 +53,6 @@ MEMBER = re.compile(r"lib\w+\.a\((\w+)\.o\)$")
 # What compilers put before and behind a function's name.
 BEFORE = r"^\.text\.(?:startup\.|unlikely\.|hot\.)?"
 BEHIND = r"\.(?:isra|constprop|part|cold)(?:\.\d+)?"
-
-
-class BadImage(Exception):
-    """An image cannot be ordered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +94,6 @@ def parse(linked: str, disassembled: str) -> Image:
         if size > 0 and section != ".text":
             pieces.append((at, at + size, name, sizes.get(name, 0)))
             sizes[name] = sizes.get(name, 0) + size
-    if not pieces:
-        raise BadImage(
-            "the map has no sections .text.NAME; compile with -ffunction-sections"
-        )
     starts = [piece[0] for piece in pieces]
 
     def place(address: int) -> tuple[str, int] | None:
@@ -126,15 +117,9 @@ def parse(linked: str, disassembled: str) -> Image:
 
 
 def read(elf: Path) -> Image:
-    linked = elf.with_suffix(".map")
-    if not linked.is_file():
-        raise BadImage(f"{linked} is missing; link with -Wl,-Map={linked}")
-    shown = subprocess.run(
-        ["avr-objdump", "-d", elf], capture_output=True, text=True, check=False
-    )
-    if shown.returncode != 0:
-        raise BadImage(f"avr-objdump cannot read {elf}: {shown.stderr.strip()}")
-    return parse(linked.read_text(encoding="utf-8"), shown.stdout)
+    command = ["avr-objdump", "-d", elf]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True)
+    return parse(elf.with_suffix(".map").read_text(encoding="utf-8"), shown.stdout)
 
 
 class Costs:
@@ -166,13 +151,9 @@ class Costs:
         return LONG * float(np.count_nonzero(far > REACH)) + DANGER * float(danger)
 
 
-def names_of(images: Iterable[Image], first: Sequence[str] = ()) -> list[str]:
-    """The functions of all images, those of `first` before others."""
-    known = dict.fromkeys(name for image in images for name in image.sizes)
-    return [
-        *(name for name in first if name in known),
-        *(n for n in known if n not in first),
-    ]
+def names_of(images: Iterable[Image]) -> list[str]:
+    """The functions of all images, in the order of the first."""
+    return [*dict.fromkeys(name for image in images for name in image.sizes)]
 
 
 def anneal(
@@ -207,24 +188,12 @@ def with_list(script: str, names: Sequence[str]) -> str:
     """The linker script with another list between its two comments."""
     before, begin, rest = script.partition(BEGIN)
     _, end, behind = rest.partition(END)
-    if not begin or not end:
-        raise BadImage(f"the linker script has no {BEGIN} ... {END}")
     indent = " " * 8
     lines = "".join(f"{indent}{pattern_of(name)}\n" for name in names)
     return f"{before}{begin}\n{lines}{indent}{end}{behind}"
 
 
-def listed(script: str) -> list[str]:
-    """The functions that the linker script lists."""
-    body = script.partition(BEGIN)[2].partition(END)[0]
-    found = re.findall(r"\*lib\*\.a:(\w+)\.o|\*\(\.text\.(\S+)", body)
-    return [
-        f"lib:{member}" if member else re.sub("^startup\\.", "", name)
-        for member, name in found
-    ]
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -232,26 +201,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--turns", type=int, default=400_000, help="%(default)s")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--write", action="store_true", help="into the linker script")
-    parser.add_argument("--script", type=Path, default=SCRIPT, help="%(default)s")
-    args = parser.parse_args(arguments)
-    try:
-        images = [read(path) for path in args.images]
-        script = args.script.read_text(encoding="utf-8")
-        names = names_of(images)
-        order = anneal(images, names, args.turns, args.seed)
-        if args.write:
-            args.script.write_text(with_list(script, order), encoding="utf-8")
-    except BadImage as error:
-        print(f"function_order: {error}", file=sys.stderr)
-        return 1
-    place = {name: at for at, name in enumerate(names)}
-    new = np.array([place[name] for name in order])
+    args = parser.parse_args()
+    images = [read(path) for path in args.images]
+    names = names_of(images)
+    order = anneal(images, names, args.turns, args.seed)
+    if args.write:
+        script = SCRIPT.read_text(encoding="utf-8")
+        SCRIPT.write_text(with_list(script, order), encoding="utf-8")
+    new = np.array([names.index(name) for name in order])
     for path, image in zip(args.images, images, strict=True):
         costs = Costs(image, names)
         before = costs.long(np.arange(len(names)))
         print(f"{path}: {before} long calls before, {costs.long(new)} after")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -56,19 +56,11 @@ def test_functions_that_call_each_other_are_put_together() -> None:
     assert costs.long(np.array([names.index(name) for name in found])) == 0
 
 
-def test_the_list_is_written_between_its_comments_and_read_back() -> None:
-    script = (
-        f"before\n        {order.BEGIN}\n        old\n        {order.END}\nbehind\n"
-    )
-    names = ["near", "main", "lib:_prologue"]
-    written = order.with_list(script, names)
-    assert written.startswith("before\n") and written.endswith("behind\n")
-    assert "old" not in written
-    assert order.listed(written) == names
-    assert order.with_list(written, names) == written
-
-
-def test_the_list_in_the_linker_script_names_each_function_once() -> None:
-    names = order.listed(order.SCRIPT.read_text(encoding="utf-8"))
-    assert len(names) > 200
-    assert len(set(names)) == len(names)
+def test_the_list_is_written_between_the_comments_of_the_linker_script() -> None:
+    script = order.SCRIPT.read_text(encoding="utf-8")
+    written = order.with_list(script, ["near", "lib:_prologue"])
+    assert written.startswith(script[: script.index(order.BEGIN)])
+    assert written.endswith(script[script.index(order.END) :])
+    lines = written.partition(order.BEGIN)[2].partition(order.END)[0].split("\n")
+    found = [line.strip() for line in lines if line.strip()]
+    assert found == ["*(.text.near .text.near.*)", "*lib*.a:_prologue.o(.text .text.*)"]
