@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Errors of strokes, by the C on this machine and by the image."""
+"""Errors of strokes, by the C on this machine."""

@@ -15,7 +15,7 @@ import pytest
 
 import bootloaders
 from benchmarks.common.boards import MEGA as MEASURED
-from benchmarks.strokes import on_board, on_host
+from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import run_of
 from bits.processors import replayed
 from bootloaders import NONE, STK500BOOT, STK500BOOT_OLD
@@ -23,6 +23,7 @@ from fakes import free_endpoint
 from imud import cli
 from imud.cli import reached
 from stm32.starts import places
+from system import stroked
 from system.live import LiveProbe
 from system.virtual import (
     MEGA,
@@ -87,8 +88,8 @@ def test_strokes_are_in_every_bit_those_of_the_host_and_take_no_longer(
     for name in ("supported, 1 s", "between rests, 1 s"):
         case = next(each for each in on_host.CASES if each.name == name)
         motion = run_of(case, 1000 * on_host.CASES.index(case) + 1, MEASURED.chip)
-        capture = on_board.sent(MEASURED, mega.image, motion)
-        row = on_host.row_of(case, [on_board.found_by(capture, motion)])
+        capture = stroked.sent(MEASURED, mega.image, motion)
+        row = on_host.row_of(case, [stroked.found_by(capture, motion)])
         assert row["under 1 cm"] == 100.0
         assert capture.twin().differed == 0
         assert (capture.lost, capture.summary["late"]) == (0, 0)
