@@ -14,10 +14,7 @@ from benchmarks.common.engines import Estimate
 from benchmarks.common.feed import sampled
 from benchmarks.common.scoring import Trial
 from imud import rotation
-from imud.params.trusted import CALIBRATED
-from imud.params.value import Params
 from imud.virtual import sensors
-from imud.virtual.memory import orders_us
 
 RATE_HZ = 200
 
@@ -84,19 +81,3 @@ def test_what_a_host_learns_is_put_in_force_while_the_filter_runs():
         for e in (found, alone)
     ]
     assert errors[0] < 0.7 * errors[1]
-
-
-def test_trusted_params_change_no_reading_and_say_how_good_they_are():
-    params = Params.decode(CALIBRATED)
-    for name in ("acc", "gyr", "mag"):
-        found = params.calibration(name)
-        assert found is not None
-        assert np.array_equal(found.matrix, np.eye(3))
-        assert not np.any(found.bias_counts)
-        assert (found.sigma is None) == (name == "gyr")
-
-
-def test_orders_bring_every_word_before_they_are_applied():
-    times_us = [at_us for at_us, _ in orders_us(CALIBRATED)]
-    assert len(times_us) == -(-len(CALIBRATED) // 4) + 2
-    assert (np.diff(times_us) > 0).all()

@@ -107,14 +107,6 @@ def test_samples_that_no_probe_fused_are_fused_here(monkeypatch: pytest.MonkeyPa
     assert np.median(off_deg[200:]) < 1.0
 
 
-@pytest.mark.nightly
-def test_each_kind_of_joint_is_scored():
-    found = session.of(chain.read(made().toml, "five"), tracks_of())
-    for each in chains.scored(made(), found):
-        assert each.rms < 4.0, each.kind
-        assert each.inside > 0.85, each.kind
-
-
 def test_a_joint_that_is_freer_than_the_file_says_is_told():
     text = made().toml.replace('"free"', '"hinge"')
     tracks = tracks_of()
