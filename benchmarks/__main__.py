@@ -82,7 +82,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "limb/feet.py",
     ),
     "page": (
-        "the page in Chromium: frames, latency, memory; what a browser costs",
+        "the page in Chromium: frames, latency; what a browser costs",
         "page/browser.py",
     ),
     "strokes": (

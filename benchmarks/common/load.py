@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import array
 import os
 import re
 import resource
@@ -65,39 +66,46 @@ class FedPort:
                 self.write(encode_frame(reply))
 
 
-def feed(probes: int, seconds: float, to: Connection, path: Path) -> None:
-    """Write frames to ptys, the probes' phases spread evenly over the period."""
-    ports = [FedPort(number) for number in range(probes)]
+def feed(probes: int, rate_hz: int, to: Connection, path: Path) -> None:
+    """Write frames to ptys, the probes' phases spread evenly over the period, until it
+    is told to stop. Notes probe, sequence number and UTC of each pose, and whether its
+    pty had no room for it.
+    """
+    least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = min(most, max(least, 2 * probes + 100))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
+    ports = [FedPort(number, rate_hz) for number in range(probes)]
     waker = selectors.DefaultSelector()
     for port in ports:
         waker.register(port.master, selectors.EVENT_READ, port)
     to.send([port.name for port in ports])
     to.recv()
-    turns = round(seconds * RATE_HZ)
-    notes = np.zeros((turns * probes, 3), dtype=np.int64)
-    step_ns = 1_000_000_000 // (RATE_HZ * probes)
+    notes = array.array("q")
+    sent_bytes = turn = 0
+    step_ns = 1_000_000_000 // (rate_hz * probes)
     begin_ns = time.monotonic_ns() + 50_000_000
-    row = 0
-    for turn in range(turns):
+    while not to.poll():
         for number, port in enumerate(ports):
             due_ns = begin_ns + (turn * probes + number) * step_ns
             while (left_ns := due_ns - time.monotonic_ns()) > 0:
                 for key, _ in waker.select(left_ns * 1e-9):
                     key.data.answer((time.monotonic_ns() - begin_ns) // 1000)
-            now_ns = time.monotonic_ns()
-            sequence = port.source.sequence
-            frame = port.source.say((now_ns - begin_ns) // 1000)
-            notes[row] = number, sequence, time.monotonic_ns()
+            sequence, before = port.source.sequence, port.overrun
+            frame = port.source.say((time.monotonic_ns() - begin_ns) // 1000)
+            sent_bytes += len(frame)
+            t_ns = time.time_ns()
             port.write(frame)
-            row += 1
-    np.save(path, notes)
-    to.send(
-        {
-            "sent": sum(port.source.sent for port in ports),
-            "overrun": sum(port.overrun for port in ports),
-        }
-    )
-    to.recv()  # ptys stay open until the daemon has published its last status
+            if sequence % rate_hz:  # others are hellos
+                notes.extend((number, sequence, t_ns, port.overrun - before))
+        turn += 1
+    seconds = (time.monotonic_ns() - begin_ns) * 1e-9
+    to.recv()
+    np.save(path, np.array(notes, dtype=np.int64).reshape(-1, 4))
+    sent = sum(port.source.sent for port in ports)
+    overrun = sum(port.overrun for port in ports)
+    rate = sent_bytes / seconds
+    to.send({"sent": sent, "overrun": overrun, "bytes_s": rate, "fed_s": seconds})
+    to.recv()  # ptys stay open until the daemons have published all
 
 
 def free_endpoint() -> str:

@@ -3,7 +3,7 @@
 its CPU and its memory, by the number of probes, beside the least that a relay takes.
 
 One process writes frames to ptys at the right times, another one subscribes; both note
-CLOCK_MONOTONIC.
+UTC of this machine.
 """
 
 from __future__ import annotations

@@ -8,7 +8,6 @@ from __future__ import annotations
 import gc
 import json
 import multiprocessing
-import resource
 import subprocess
 import sys
 import time
@@ -24,8 +23,8 @@ import zenoh
 
 from benchmarks.common.load import (
     PATIENCE_S,
-    FedPort,
     answer_of,
+    feed,
     free_endpoint,
     wait_for_line,
 )
@@ -45,48 +44,6 @@ class Size(msgspec.Struct, frozen=True):
     daemons: int
     routers: int
     consumers: int
-
-
-def feed(probes: int, rate_hz: int, to: Connection, path: Path) -> None:
-    """Writes frames to ptys, the phases of the probes spread evenly, until it is told
-    to stop. Notes probe, sequence number and UTC of each pose, and whether its pty had
-    no room for it.
-    """
-    least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = min(most, max(least, 2 * probes + 100))
-    resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
-    ports = [FedPort(number, rate_hz) for number in range(probes)]
-    to.send([port.name for port in ports])
-    to.recv()
-    notes: list[tuple[int, int, int, int]] = []
-    gc.disable()  # a search for garbage among millions of notes would be a pause
-    sent_bytes = turn = 0
-    step_ns = 1_000_000_000 // (rate_hz * probes)
-    begin_ns = time.monotonic_ns()
-    while not to.poll():
-        for number, port in enumerate(ports):
-            left_ns = (
-                begin_ns + (turn * probes + number) * step_ns - time.monotonic_ns()
-            )
-            if left_ns > 0:
-                time.sleep(left_ns * 1e-9)
-            now_us = (time.monotonic_ns() - begin_ns) // 1000
-            if turn % 4 == 0:
-                port.answer(now_us)
-            sequence = port.source.sequence
-            frame = port.source.say(now_us)
-            sent_bytes += len(frame)
-            t_ns, before = time.time_ns(), port.overrun
-            port.write(frame)
-            if sequence % rate_hz:  # others are hellos
-                notes.append((number, sequence, t_ns, port.overrun - before))
-        turn += 1
-    seconds = (time.monotonic_ns() - begin_ns) * 1e-9
-    np.save(path, np.array(notes, dtype=np.int64))
-    overrun = sum(port.overrun for port in ports)
-    to.recv()
-    to.send({"seconds": seconds, "bytes": sent_bytes, "overrun": overrun})
-    to.recv()  # ptys stay open until the daemons have published all
 
 
 def _session(endpoint: str, mode: str, listen: str = "") -> zenoh.Session:

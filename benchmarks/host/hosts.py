@@ -63,7 +63,6 @@ def run(fleet: Fleet, seconds: float, warm_up_s: float) -> dict[str, Any]:
     memory = {name: sum(map(rss_mib, pids)) for name, pids in fleet.groups.items()}
     fleet.feeder.send("stop")
     drain(fleet)
-    fleet.feeder.send("how many")
     sent = answer_of(fleet.feeder, LONG_S)
     for each in (fleet.follower, *fleet.others):
         each.send("stop")
@@ -76,8 +75,8 @@ def run(fleet: Fleet, seconds: float, warm_up_s: float) -> dict[str, Any]:
     rate_hz = fleet.size.probes * fleet.size.rate_hz
     return {
         "size": msgspec.to_builtins(fleet.size),
-        "in_mb_s": sent["bytes"] / sent["seconds"] / 1e6,
-        "out_mb_s": out_bytes * got / sent["seconds"] / 1e6,
+        "in_mb_s": sent["bytes_s"] / 1e6,
+        "out_mb_s": out_bytes * got / sent["fed_s"] / 1e6,
         **delays(fleet, begin_ns, begin_ns + int(seconds * 1e9)),
         **counts,
         "others_missed": sum(each["missed"] for each in others),

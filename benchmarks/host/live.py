@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A daemon under load: probes that write to ptys, and a subscriber, as processes.
 
-Both note CLOCK_MONOTONIC, so that the way of each pose can be timed.
+Both note UTC of this machine, so that the way of each pose can be timed.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from imud.client import Client
 
 WARM_UP_S = 2.0  # not measured: imports, the first hello
 WATCH_S = 1.0
+END_S = 0.5  # of a run, in which the process is not watched any more
 
 
 class Arrived(msgspec.Struct):
@@ -49,7 +50,7 @@ def follow(endpoint: str, keys: Path | None, to: Connection, path: Path) -> None
     decoder = msgspec.json.Decoder(Arrived)
 
     def note(_: str, payload: bytes) -> None:
-        t_ns = time.monotonic_ns()
+        t_ns = time.time_ns()
         pose = decoder.decode(payload)
         notes.extend((int(pose.probe[-2:], 16), pose.seq, t_ns))
 
@@ -81,8 +82,7 @@ def live(
     to_feeder, feeder_end = spawn.Pipe()
     to_follower, follower_end = spawn.Pipe()
     sent_path, heard_path = folder / "sent.npy", folder / "heard.npy"
-    total_s = seconds + WARM_UP_S
-    feeder = spawn.Process(target=feed, args=(probes, total_s, feeder_end, sent_path))
+    feeder = spawn.Process(target=feed, args=(probes, RATE_HZ, feeder_end, sent_path))
     words = (endpoint, keys, follower_end, heard_path)
     follower = spawn.Process(target=follow, args=words)
     processes: list[BaseProcess] = [feeder, follower, *([beside] if beside else [])]
@@ -101,11 +101,13 @@ def live(
         if beside is not None:
             beside.start()
         observed = observe(daemon.pid, seconds)
+        time.sleep(END_S)
+        to_feeder.send("stop")
         sent = answer_of(to_feeder, PATIENCE_S)
         time.sleep(2.5)  # until two more statuses have come
         to_follower.send("stop")
         statuses = answer_of(to_follower, PATIENCE_S)
-        to_feeder.send("stop")
+        to_feeder.send("end")
         for process in processes:
             process.join()
     finally:
@@ -130,7 +132,7 @@ def observe(pid: int, seconds: float) -> dict[str, Any]:
     """
     begin_s, begin_cpu, begin_idle = time.monotonic(), cpu_s(pid), idle_s()
     watched = [watch(pid)]
-    while (left_s := begin_s + seconds - 0.5 - time.monotonic()) > 0:
+    while (left_s := begin_s + seconds - END_S - time.monotonic()) > 0:
         time.sleep(min(WATCH_S, left_s))
         watched.append(watch(pid))
     passed_s = time.monotonic() - begin_s
@@ -149,12 +151,11 @@ def watch(pid: int) -> tuple[float, int]:
 
 def latency(sent: Any, heard: Any) -> dict[str, Any]:
     """Microseconds from the byte written to the callback, after the warm-up."""
-    sent = sent[sent[:, 1] % RATE_HZ != 0]  # hellos are no poses
     begin_ns = sent[:, 2].min() + int(WARM_UP_S * 1e9)
     at = {(probe, sequence): t_ns for probe, sequence, t_ns in heard.tolist()}
     waited = [
         (at[probe, sequence] - t_ns) / 1000
-        for probe, sequence, t_ns in sent.tolist()
+        for probe, sequence, t_ns in sent[:, :3].tolist()
         if t_ns >= begin_ns and (probe, sequence) in at
     ]
     late = np.array(waited if waited else [np.nan])

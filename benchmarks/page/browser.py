@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The page with 8 probes at 200 Hz in headless Chromium with software rendering: frames
 a second, the main thread's time a frame, the way of a pose from the port to the drawn
-frame, memory, first paint; and what a browser costs the daemon.
+frame, first paint; and what a browser costs the daemon.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from websockets.typing import Origin
 
 from benchmarks import harness
 from benchmarks.common.load import cpu_s, feed, free_endpoint, idle_s, rss_mib
+from benchmarks.common.source import RATE_HZ
 from benchmarks.harness import Report, Table
 
 PROBES = 8
@@ -73,12 +74,12 @@ SHOWN = {
 
 
 @contextlib.contextmanager
-def daemon(folder: Path, seconds: float) -> Iterator[tuple[int, str]]:
-    """The daemon with its probes for so long: its process id and the page's address."""
+def daemon(folder: Path) -> Iterator[tuple[int, str]]:
+    """The daemon with its probes: its process id and the page's address."""
     spawn = multiprocessing.get_context("spawn")
     to_feeder, feeder_end = spawn.Pipe()
-    sent = folder / "sent.npy"
-    feeder = spawn.Process(target=feed, args=(PROBES, seconds, feeder_end, sent))
+    words = (PROBES, RATE_HZ, feeder_end, folder / "sent.npy")
+    feeder = spawn.Process(target=feed, args=words)
     feeder.start()
     names = to_feeder.recv()
     command = [sys.executable, "-m", "imud", "run", *names, "--no-log"]
@@ -163,37 +164,6 @@ def drawing(page: Page, seconds: float) -> dict[str, float]:
     }
 
 
-def heap_mib(page: Page) -> float:
-    session = page.context.new_cdp_session(page)
-    session.send("HeapProfiler.collectGarbage")
-    used = session.send("Runtime.getHeapUsage")
-    buffers = used.get("backingStorageSize", 0)  # histories
-    return float(used["usedSize"] + buffers) / 2**20
-
-
-def memory(page: Page, minutes: float) -> list[dict[str, float]]:
-    """The heap while histories of that length are fed as fast as they are taken."""
-    points: list[dict[str, float]] = []
-    for _ in range(4):
-        page.evaluate(
-            """(seconds) => {
-              const { model } = globalThis.imud;
-              const pose = model.probe.pose;
-              const step = 0.01;
-              const last = globalThis.fedTo ?? pose.t_ns / 1e9;
-              globalThis.fedTo = last + seconds;
-              for (let t = last; t < last + seconds; t += step) {
-                const line = { ...pose, t_ns: t * 1e9, t_device_us: t * 1e6 };
-                model.dispatchEvent(new CustomEvent("probe", { detail: line }));
-              }
-            }""",
-            15 * minutes,
-        )
-        done = len(points) + 1
-        points.append({"minutes": minutes * done / 4, "heap_mib": heap_mib(page)})
-    return points
-
-
 def draw_like_a_browser(url: str, to: Connection) -> None:
     """A connection that asks for what the view Probe does, and reports it as drawn."""
     with connect(
@@ -252,15 +222,13 @@ def cost(pid: int, url: str, browsers: int, seconds: float) -> dict[str, float]:
 
 
 def tables_of(found: dict[str, Any]) -> Iterator[Table]:
-    """What the browser does in each view, its memory, and the daemon's cost."""
+    """What the browser does in each view, and the daemon's cost."""
     heads = {"": "", **dict.fromkeys((view.title() for view in found["views"]), "")}
     rows = [
         (words, *(form.format(**row) for row in found["views"].values()))
         for words, form in SHOWN.items()
     ]
     yield Table("views", heads, rows)
-    points = [(point["minutes"], point["heap_mib"]) for point in found["memory"]]
-    yield Table("memory", {"minutes of poses": ".0f", "memory, MiB": ".1f"}, points)
     columns = {"browsers": ".0f", "the daemon's share of a core": ".1%"}
     columns |= {"cores idle": ".2f", "memory, MiB": ".0f"}
     yield Table("browsers", columns, [tuple(row.values()) for row in found["cost"]])
@@ -268,17 +236,14 @@ def tables_of(found: dict[str, Any]) -> Iterator[Table]:
 
 def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, default=20.0, help="of each figure")
-    parser.add_argument("--minutes", type=float, default=60.0, help="of memory")
     parser.add_argument("--browsers", type=int, nargs="*", default=[0, 1, 8, 32])
 
 
 def measured(args: argparse.Namespace) -> Report:
     found: dict[str, Any] = {"views": {}}
-    # More than it takes: the probes are ended when all is measured.
-    total_s = 120 + (2 + len(args.browsers)) * (args.seconds + 30)
     with (
         tempfile.TemporaryDirectory() as folder,
-        daemon(Path(folder), total_s) as (pid, url),
+        daemon(Path(folder)) as (pid, url),
         chromium() as browser,
     ):
         time.sleep(WARM_UP_S)
@@ -287,7 +252,6 @@ def measured(args: argparse.Namespace) -> Report:
             page, about = opened(browser, url, view)
             page.wait_for_timeout(1000 * WARM_UP_S)
             found["views"][view] = drawing(page, args.seconds) | about
-        found["memory"] = memory(page, args.minutes)
     return Report([*tables_of(found)], data=found)
 
 
