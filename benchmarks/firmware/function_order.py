@@ -117,8 +117,9 @@ def parse(linked: str, disassembled: str) -> Image:
 
 
 def read(elf: Path) -> Image:
-    command = ["avr-objdump", "-d", elf]
-    shown = subprocess.run(command, capture_output=True, text=True, check=True)
+    shown = subprocess.run(
+        ["avr-objdump", "-d", elf], capture_output=True, text=True, check=True
+    )
     return parse(elf.with_suffix(".map").read_text(encoding="utf-8"), shown.stdout)
 
 

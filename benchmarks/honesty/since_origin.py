@@ -131,11 +131,12 @@ def pairs_of(
         for name, origin, after_s in due.pop(index, ()):
             since = references.since_capture(name)
             assert since is not None
-            errors = apart(wrong[index], wrong[origin])
+            # What is wrong alike at both ends is no error since the origin.
+            errors = scoring.errors(wrong[index], wrong[origin])
             yield Pair(
                 after_s,
-                *(errors[0], since.heading_sigma_deg),
-                *(errors[1], since.tilt_sigma_deg),
+                *(float(errors.heading), since.heading_sigma_deg),
+                *(float(errors.inclination), since.tilt_sigma_deg),
             )
         time_s = float(found.times_s[index])
         if time_s >= next_s:
@@ -146,14 +147,6 @@ def pairs_of(
             ends = np.searchsorted(found.times_s, time_s + np.array(AFTER_S))
             for after_s, end in zip(AFTER_S, ends.tolist(), strict=True):
                 due.setdefault(end, []).append((captured, index, after_s))
-
-
-def apart(wrong: FloatArray, before: FloatArray) -> tuple[float, float]:
-    """Heading and tilt of the turn between two errors, seen from the earth; degrees."""
-    w, x, y, z = rotation.multiply(wrong, rotation.inverse(before)).tolist()
-    heading = 2.0 * np.arctan2(abs(z), abs(w))
-    tilt = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
-    return float(np.degrees(heading)), float(np.degrees(tilt))
 
 
 def measure(run: tuple[str, int], board: str) -> tuple[str, list[Pair]]:

@@ -61,19 +61,6 @@ def test_a_measured_table_is_written_where_it_is_shown(desk: Path) -> None:
     assert tables.updated(SHOWN) == SHOWN
 
 
-@pytest.mark.usefixtures("desk")
-def test_what_no_document_shows_is_not_kept() -> None:
-    tables.keep("limb", [Table("legs", {"case": ""}, [("one",)])])
-    assert not tables.KEPT.exists()
-
-
-@pytest.mark.usefixtures("desk")
-def test_a_table_changed_by_hand_is_found() -> None:
-    tables.keep("strokes", [STROKES])
-    changed = SHOWN.replace("0.12", "0.11")
-    assert tables.updated(changed) == SHOWN
-
-
 def test_a_terminal_shows_it_in_columns() -> None:
     lines = STROKES.as_text().splitlines()
     assert lines == ["Strokes", "case  median", "one     0.12", "two        -"]

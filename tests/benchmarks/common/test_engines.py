@@ -4,20 +4,15 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.common import capture, engines, feed, scoring
-from benchmarks.common.boards import IMAGES
+from benchmarks.common import engines, feed, scoring
 from imud import rotation
 from imud.gravity import GRAVITY_M_S2
-from imud.virtual import motion, sensors
+from imud.virtual import motion
 
-OTHERS = {
-    *("vqf", "vqf-offline", "ahrs-madgwick", "ahrs-mahony", "imufusion"),
-}
 HOUSE = ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
 
 
@@ -72,12 +67,6 @@ def test_each_engine_answers_in_the_same_world(name: str) -> None:
     assert scoring.errors(found.quats[late], truth).total.max() < 2.0
 
 
-def test_all_engines_but_the_image_are_tried_here() -> None:
-    own = set(engines.ENGINES) - OTHERS
-    assert own == {"host", *HOUSE} - {"fuse"}
-    assert set(engines.QUICK) <= set(engines.ENGINES)
-
-
 def test_the_filters_of_the_house_are_five_and_not_one() -> None:
     found = [engines.core(fed(), name).quats for name in HOUSE]
     for index, one in enumerate(found):
@@ -100,14 +89,3 @@ def test_a_sigma_that_is_not_stated_is_not_a_number() -> None:
     # Nothing has told the heading yet, then the magnetometer does.
     assert np.isnan(found.heading_sigma_deg[0])
     assert np.isfinite(found.heading_sigma_deg[-1])
-
-
-@pytest.mark.parametrize("board", IMAGES)
-def test_the_core_on_this_machine_has_the_poses_of_the_image(
-    boards: dict[str, tuple[Path, Path]], tmp_path: Path, board: str
-) -> None:
-    path = tmp_path / "hand.npz"
-    sensors.generate(8.0, seed=4).save(path)
-    assert boards[board], "it runs this image"
-    read = capture.run(board, path)
-    assert engines.replayed(read.feed, "fuse") == read.pose_contents

@@ -41,18 +41,6 @@ def moved(
 
 
 @CHIPS
-def test_a_level_rest_reads_1_g_and_the_field(chip: feed.Chip) -> None:
-    found = feed.sampled(moved(), chip).samples
-    assert found.rate_hz == chip.rate_hz
-    assert np.abs(found.gyr).max() == 0
-    assert found.acc[:, 2] == pytest.approx(G, abs=chip.acc_lsb)
-    field = found.mag[found.has_mag]
-    assert field == pytest.approx(np.tile([0.0, 20.0, 9.0], (len(field), 1)), abs=0.16)
-    # A hundred a second of both chips.
-    assert found.has_mag.mean() == pytest.approx(100 / chip.rate_hz, abs=0.01)
-
-
-@CHIPS
 def test_a_ramp_is_read_at_its_own_time_and_its_mean_is_exact(
     chip: feed.Chip,
 ) -> None:
@@ -121,22 +109,6 @@ def test_a_rate_beyond_the_range_is_held_there_and_flagged() -> None:
     assert (rows["sample_flags"][~is_beyond] == 0).all()
 
 
-def test_between_readings_the_last_is_held_and_before_them_the_first() -> None:
-    nothing = [np.nan] * 3
-    mag = np.array([nothing, [1, 2, 3], nothing, [4, 5, 6], nothing, nothing])
-    zeros = np.zeros((6, 3))
-    held = feed.Samples(200.0, zeros, zeros, mag).mag_held
-    assert held[:, 0].tolist() == [1, 1, 1, 4, 4, 4]
-
-
-def test_a_magnet_on_the_probe_adds_to_every_reading() -> None:
-    made = moved()
-    biased = feed.sampled(feed.with_bias(made, np.array([3.0, -1.5, 0.0]))).samples
-    plain = feed.sampled(made).samples
-    more = (biased.mag - plain.mag)[plain.has_mag]
-    assert more == pytest.approx(np.tile([3.0, -1.5, 0.0], (len(more), 1)), abs=0.31)
-
-
 def test_rows_and_messages_say_the_same() -> None:
     made = feed.sampled(moved())
     for index in (0, 1):
@@ -148,12 +120,6 @@ def test_rows_and_messages_say_the_same() -> None:
     assert wire.to_contents(made.rows) == made.raws
     message = feed.message_of(feed.with_filter(made.hello, "mahony"))
     assert message.fields["filter"] == "mahony"
-
-
-def test_contents_of_another_message_are_refused() -> None:
-    made = feed.sampled(moved())
-    with pytest.raises(ValueError, match="raw messages"):
-        wire.to_rows("raw", [made.hello])
 
 
 @pytest.mark.sampled(2)

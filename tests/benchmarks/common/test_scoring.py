@@ -37,16 +37,6 @@ def test_heading_and_inclination_come_apart(
     assert found.total[0] == pytest.approx(2 * math.degrees(math.acos(half)), abs=1e-6)
 
 
-def test_a_quaternion_and_its_negative_score_the_same() -> None:
-    truth, estimate = turned(20.0, -130.0, 70.0), turned(25.0, -120.0, 60.0)
-    positive, negative = (
-        scoring.errors(sign * estimate, truth) for sign in (1.0, -1.0)
-    )
-    assert negative.total == pytest.approx(positive.total)
-    assert negative.heading == pytest.approx(positive.heading)
-    assert negative.inclination == pytest.approx(positive.inclination)
-
-
 def test_a_pose_is_compared_with_the_truth_of_its_own_moment() -> None:
     made = sensors.generate(12.0, seed=5, rate_hz=250.0, errors=sensors.NO_ERRORS)
     assert made.quat is not None

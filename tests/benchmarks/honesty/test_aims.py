@@ -71,16 +71,3 @@ def test_green_beyond_the_tolerance_is_counted(
     assert row["on target"] == int(is_true)
     figure, _ = aims.figures_of([aimed])
     assert figure.verdict == ("MISSED" if is_false_green else "goal")
-
-
-def test_without_an_origin_a_usual_error_is_never_green() -> None:
-    truth, true = held_twice()
-    found = found_with(true, 0.0 * true, 1.2)
-    told = [(pose, None) for pose, _ in aims.followed(found, known_params(), at=300)]
-    lies = turned(true[::10])
-    shown = found.quats[530]
-    aimed = aims.judged(
-        told, [*range(500, 560)], lies, shown, "room", "none", age_s=20.0
-    )
-    assert (aimed.green, aimed.is_true, aimed.is_reached) == (0, True, False)
-    assert truth.seconds == pytest.approx(62.0)

@@ -5,30 +5,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.common.engines import Estimate
 from benchmarks.honesty import since_origin
-from benchmarks.honesty.since_origin import apart, known_params, pairs_of, stated
+from benchmarks.honesty.since_origin import known_params, pairs_of, stated
 from imud import rotation
 from imud.probes.relative_error import quality_of
 from imud.virtual.motion import Motion
-
-
-def turned(*vector_deg: float) -> Any:
-    return rotation.from_rotation_vector(np.deg2rad(vector_deg))
-
-
-def test_what_is_wrong_alike_at_both_ends_is_no_error_since() -> None:
-    same = turned(0.3, -0.2, 2.0)
-    assert apart(same, same) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert apart(turned(0, 0, 2.5), turned(0, 0, 2.0)) == pytest.approx((0.5, 0.0))
-    assert apart(turned(0, 0.3, 2), turned(0, 0, 2)) == pytest.approx(
-        (0.0, 0.3), abs=1e-3
-    )
 
 
 def test_each_origin_is_compared_with_the_times_after_it() -> None:

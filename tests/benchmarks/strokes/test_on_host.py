@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.strokes import on_host, runs
+from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import Case, Found
-from imud.virtual.stroking import A4, Plan, strokes_of
+from imud.virtual.stroking import Plan
 
 
 def found(errors: object) -> Found:
@@ -55,11 +55,3 @@ def test_closing_a_path_takes_away_an_error_that_grows_evenly() -> None:
 
 def test_the_floor_of_white_noise_is_5_mm_after_2_s() -> None:
     assert on_host.floor_of(2.0) == pytest.approx(0.52, abs=0.01)
-
-
-def test_the_outline_of_a_sheet_returns_to_its_start() -> None:
-    motion = runs.motion_of(Plan(strokes=4, corners=A4), seed=1)
-    ways = [stroke.tip_way_m for stroke in strokes_of(motion)]
-    lengths = [float(np.linalg.norm(way)) for way in ways]
-    assert lengths == pytest.approx([0.297, 0.21, 0.297, 0.21], abs=1e-6)
-    assert np.sum(ways, axis=0) == pytest.approx(np.zeros(3), abs=1e-6)
