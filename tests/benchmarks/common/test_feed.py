@@ -122,6 +122,12 @@ def test_rows_and_messages_say_the_same() -> None:
     assert message.fields["filter"] == "mahony"
 
 
+def test_contents_of_another_message_are_refused() -> None:
+    made = feed.sampled(moved())
+    with pytest.raises(ValueError, match="raw messages"):
+        wire.to_rows("raw", [made.hello])
+
+
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("board", "names"),

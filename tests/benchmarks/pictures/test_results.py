@@ -62,3 +62,11 @@ def test_pictures_show_what_was_measured(
     ):
         assert f"fill: {light}" in errors
         assert f'[style*="fill: {light}"]{{fill:{dark} !important}}' in errors
+
+
+def test_without_measurements_it_says_what_to_run(
+    picture: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(picture, "RESULTS", picture.PROJECT / "nowhere")
+    with pytest.raises(SystemExit, match="make bench"):
+        picture.main()
