@@ -53,13 +53,13 @@ class Chain:
         try:
             return self.client.command(self.probe.name, name, **arguments)
         finally:
-            server.join(PATIENCE_S)
+            server.join()
 
     def status_when(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """The first status from here on of which that is true."""
         heard = self.hear("status")
         while True:
-            status: dict[str, Any] = json.loads(heard.get(timeout=PATIENCE_S))
+            status: dict[str, Any] = json.loads(heard.get())
             if is_so(status):
                 return status
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import DaemonProcess, FakeProbe, Port
 
 
 @contextlib.contextmanager
@@ -39,8 +39,6 @@ def bare_session(daemon: DaemonProcess) -> Iterator[zenoh.Session]:
     config.insert_json5("connect/endpoints", json.dumps([daemon.endpoint]))
     with zenoh.open(config) as session:
         # Until the client has been told who answers, its queries have no reply at all.
-        end = time.monotonic() + PATIENCE_S
         while not list(session.get("imud/*/cmd/unknown")):
-            assert time.monotonic() < end, "no probe answers"
             time.sleep(0.05)
         yield session

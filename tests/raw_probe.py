@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from benchmarks.calibration.simulated import UPS, samples
 from chain import Chain
-from fakes import PATIENCE_S, FakeProbe
+from fakes import FakeProbe
 from imud.calibration.algebra import units
 from imud.calibration.recording import Sample
 from imud.rotation import FloatArray
@@ -109,7 +109,7 @@ class Stream:
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
-        self._thread.join(PATIENCE_S)
+        self._thread.join()
 
     def _run(self) -> None:
         probe, port = self.chain.probe, self.chain.port

@@ -14,13 +14,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 from typing import Any, Self
 
 import pytest
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import DaemonProcess, FakeProbe, Port
 from streaming import Streaming
 
 FLEET = Path(__file__).resolve().parent.parent / "docs" / "fleet.md"
@@ -190,12 +189,7 @@ class Node:
     def line(self, *, is_error: bool = False) -> str:
         stream = self.process.stderr if is_error else self.process.stdout
         assert stream is not None
-        timer = threading.Timer(2 * PATIENCE_S, self.process.kill)
-        timer.start()
-        try:
-            return stream.readline().rstrip("\n")
-        finally:
-            timer.cancel()
+        return stream.readline().rstrip("\n")
 
     def ask(self) -> dict[str, Any]:
         assert self.process.stdin is not None
@@ -207,7 +201,7 @@ class Node:
     def finish(self) -> dict[str, Any]:
         """Ends a recorder; what it says then."""
         self.process.send_signal(signal.SIGTERM)
-        out, _ = self.process.communicate(timeout=PATIENCE_S)
+        out, _ = self.process.communicate()
         reply: dict[str, Any] = json.loads(out)
         return reply
 

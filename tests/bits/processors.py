@@ -129,7 +129,7 @@ def computed(name: str, contents: Sequence[bytes], folder: Path) -> list[bytes]:
             poses = exchanged(link, contents, processor.room)
             process.send_signal(signal.SIGTERM)
             errors = process.stderr.read()
-            assert process.wait(PATIENCE_S) == 0, errors
+            assert process.wait() == 0, errors
         finally:
             process.kill()
     found = json.loads(summary.read_text())

@@ -11,6 +11,7 @@ from fakes.daemon import (
 from fakes.messages import COMMAND, EQUIPMENT, EXAMPLES, HELLO, POSE
 from fakes.port import PATIENCE_S, SOON_S, Port
 from fakes.probe import FakeProbe
+from fakes.stopwatch import Stopwatch
 
 __all__ = [
     "COMMAND",
@@ -23,6 +24,7 @@ __all__ = [
     "DaemonProcess",
     "FakeProbe",
     "Port",
+    "Stopwatch",
     "assert_honest",
     "free_address",
     "free_endpoint",

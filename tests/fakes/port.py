@@ -13,8 +13,9 @@ from pathlib import Path
 
 from fakes.probe import FakeProbe
 
-# Limit for every wait: long enough for a busy machine.
-PATIENCE_S = 30.0
+# For waits that must be given a limit: longer than that of a test (pyproject.toml),
+# which alone ends what hangs, and shows where each thread stands.
+PATIENCE_S = 3600.0
 # What ends at once, ends within it on a busy machine.
 SOON_S = 5.0
 # Baud rates that tests set.
@@ -62,9 +63,7 @@ class Port:
 
     def wait_open(self) -> None:
         """Wait until the daemon has opened the port; bytes written earlier are lost."""
-        until = time.monotonic() + PATIENCE_S
         while termios.tcgetattr(self._slave)[2] & termios.HUPCL:
-            assert time.monotonic() < until, "the daemon did not open the port"
             time.sleep(0.005)
 
     @property
@@ -86,9 +85,7 @@ class Port:
             data = data[written:]
 
     def read(self) -> bytes:
-        """Wait for bytes from the daemon and return them; fail after PATIENCE_S."""
-        ready, _, _ = select.select([self._master], [], [], PATIENCE_S)
-        assert ready, "the daemon wrote nothing"
+        """Wait for bytes from the daemon and return them."""
         return os.read(self._master, 4096)
 
     def answers(self, probe: FakeProbe) -> bytes:

@@ -118,8 +118,7 @@ def test_a_flood_of_openigtlink_is_refused_and_counted() -> None:
             # A refusal may come before the client knows that it is connected.
             with contextlib.suppress(ConnectionResetError):
                 socket.create_connection(("127.0.0.1", server.port), 5.0).close()
-        until_s = time.monotonic() + 5.0
-        while server.refused["rate"] < 15 and time.monotonic() < until_s:
+        while server.refused["rate"] < 15:
             time.sleep(0.01)
         assert 15 <= server.refused["rate"] <= 20
     finally:

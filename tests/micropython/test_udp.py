@@ -8,7 +8,6 @@ import os
 import re
 import socket
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -52,7 +51,7 @@ def probe(stock: Path, keys: Path, port: int, kind: str = "plain") -> Iterator[N
     )
     try:
         yield
-        output, _ = process.communicate(timeout=PATIENCE_S)
+        output, _ = process.communicate()
         assert (process.returncode, output) == (0, b"")
     finally:
         process.kill()
@@ -132,9 +131,7 @@ class End:
 
     def until(self, name: str, count: int) -> list[Message]:
         """Receives until `count` messages of that name have arrived."""
-        limit = time.monotonic() + PATIENCE_S
         while len(found := [m for m in self.messages if m.name == name]) < count:
-            assert time.monotonic() < limit, f"{len(found)} {name}"
             self.receive()
         return found
 

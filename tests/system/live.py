@@ -9,7 +9,6 @@ import signal
 import subprocess
 from typing import Any
 
-from fakes import PATIENCE_S
 from imud.client import Client
 from system.virtual import Stub
 
@@ -32,7 +31,7 @@ class LiveProbe:
     def end(self, by: signal.Signals = signal.SIGTERM) -> dict[str, Any]:
         """Ends it and returns its summary."""
         self.process.send_signal(by)
-        self.process.wait(PATIENCE_S)
+        self.process.wait()
         if self.process.stderr is not None:
             self.process.stderr.close()
         if by == signal.SIGKILL:
@@ -49,4 +48,4 @@ def hear(client: Client, topic: str) -> queue.Queue[dict[str, Any]]:
 
 
 def take(heard: queue.Queue[dict[str, Any]], count: int) -> list[dict[str, Any]]:
-    return [heard.get(timeout=PATIENCE_S) for _ in range(count)]
+    return [heard.get() for _ in range(count)]

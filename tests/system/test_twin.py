@@ -28,7 +28,7 @@ def twin_when(client: Client, key: str, least: Any) -> dict[str, Any]:
     """The twin of the first status from here on that has come so far."""
     statuses = hear(client, "status")
     while True:
-        twin: dict[str, Any] = statuses.get(timeout=PATIENCE_S)["twin"]
+        twin: dict[str, Any] = statuses.get()["twin"]
         if twin[key] >= least:
             return twin
 

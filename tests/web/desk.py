@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import threading
-import time
-from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -24,6 +23,9 @@ PERIOD_S = 0.05
 BURST = 60  # samples of a calibration in a period
 # Frames that a browser without a screen draws, and what is said of it.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
+# Few of them: a processor draws them, and is wanted for the tests.
+SLOWLY = """const draw = requestAnimationFrame.bind(globalThis);
+globalThis.requestAnimationFrame = (step) => setTimeout(() => draw(step), 150);"""
 # Chromium's own remark on software rendering.
 REMARK = "GPU stall due to ReadPixels"
 
@@ -40,38 +42,39 @@ class Hand(threading.Thread):
         self.is_telling_raw = False
         self.state = "streaming"
         self._samples: list[Sample] = []
-        self._news: deque[tuple[str, dict[str, Any]]] = deque()
         self._lying: list[Sample] = []  # how it lies after a calibration's samples
+        self._turn = threading.Lock()  # of whoever writes or says what is written next
 
     def turn(self, q: tuple[float, ...], **fields: Any) -> None:
         self._fields = {"q": q, **fields}
 
-    def stroke(self, **fields: Any) -> None:
-        """Says that a stroke has ended."""
-        self._news.append(("stroke", fields))
-
-    def press(self) -> None:
-        """Says that its button was pressed."""
-        self._news.append(("event", {"event": "button_pressed", "cause": "button"}))
+    def say(self, *names: str, **fields: Any) -> None:
+        """Says these messages between two poses."""
+        with self._turn:
+            for name in names:
+                self._port.write(self._probe.say(name, **fields))
 
     def calibrate(self, samples: Sequence[Sample]) -> None:
         """Says these raw samples once it is asked for any, faster than a probe."""
-        begin_us = self._probe.time_us
-        self._samples = [replace(each, t_us=each.t_us + begin_us) for each in samples]
-        self._lying = self._samples[-1:]
-        self._probe.commands.clear()
-        self._probe.hello_fields = self._probe.hello_fields | RATES
-        self._port.write(self._probe.say("hello"))
+        with self._turn:
+            self._probe.commands.clear()
+            self._probe.hello_fields = self._probe.hello_fields | RATES
+            self._queue(samples, self._probe.time_us)
+        self.say("hello")
 
     def goes_on(self, samples: Sequence[Sample]) -> None:
         """Says these after those that were said, instead of lying on."""
-        begin_us = self._lying[-1].t_us + 10_000 - samples[0].t_us
+        with self._turn:
+            self._queue(samples, self._lying[-1].t_us + 10_000 - samples[0].t_us)
+
+    def _queue(self, samples: Sequence[Sample], begin_us: int) -> None:
         self._samples = [replace(each, t_us=each.t_us + begin_us) for each in samples]
         self._lying = self._samples[-1:]
 
     def pick_up(self) -> None:
         """Ends the calibration's samples."""
-        self._lying = []
+        with self._turn:
+            self._lying = []
 
     def _burst(self) -> bytes:
         if not any(each["command"] == "fields" for each in self._probe.commands):
@@ -84,22 +87,24 @@ class Hand(threading.Thread):
         return b"".join(raw(self._probe, each) for each in now)
 
     def run(self) -> None:
-        count = 0
-        while not self._is_over.wait(PERIOD_S):
-            data = self._port.answers(self._probe)
-            if self._lying:
-                data += self._burst()
-            elif self.is_talking:
-                data += self._probe.say("pose", **self._fields)
-                while self._news:
-                    name, fields = self._news.popleft()
-                    data += self._probe.say(name, **fields)
-                if self.is_telling_raw:
-                    data += self._probe.say("raw")
-                if count % 25 == 0:
-                    data += self._probe.say("status", state=self.state)
-                count += 1
-            self._port.write(data)
+        for count in itertools.count():
+            if self._is_over.wait(PERIOD_S):
+                return
+            with self._turn:
+                self._port.write(self._said(count))
+
+    def _said(self, count: int) -> bytes:
+        data = self._port.answers(self._probe)
+        if self._lying:
+            return data + self._burst()
+        if not self.is_talking:
+            return data
+        data += self._probe.say("pose", **self._fields)
+        if self.is_telling_raw:
+            data += self._probe.say("raw")
+        if count % 25 == 0:
+            data += self._probe.say("status", state=self.state)
+        return data
 
     def stop(self) -> None:
         self._is_over.set()
@@ -198,9 +203,7 @@ class Seen:
 
         The page's policy forbids that it polls.
         """
-        end_s = time.monotonic() + PATIENCE_S
         while not (result := self.page.evaluate(is_so, argument)):
-            assert time.monotonic() < end_s, is_so
             self.page.wait_for_timeout(20)
         return result
 
@@ -225,6 +228,7 @@ def seen(browser: Browser, desk: Desk, **options: Any) -> Iterator[Seen]:
     """The page, opened; it must not complain or ask for anything elsewhere."""
     options = {"viewport": {"width": 800, "height": 480}} | options
     context = browser.new_context(**options)
+    context.add_init_script(SLOWLY)
     try:
         found = Seen(context.new_page(), desk.address)
         found.page.goto(desk.url)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
-import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
@@ -15,13 +14,14 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from fakes import PATIENCE_S
 from imud.flash.firmware import Firmware
 from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.session import PortControl
 from imud.web.users import Users
+from streaming import until
 
-PATIENCE_S = 30.0
 WRONG = "wrong"
 
 
@@ -96,13 +96,6 @@ class Served:
         until(lambda: self.page.refused[reason] >= count)
 
 
-def until(is_so: Callable[[], object]) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not is_so():
-        assert time.monotonic() < end_s
-        time.sleep(0.005)
-
-
 class Live:
     """A browser's connection. Every message that it reads is reported as drawn."""
 
@@ -126,15 +119,13 @@ class Live:
 
     def next(self, kind: str) -> dict[str, Any]:
         """The next line of that type; those before it are left out."""
-        end_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < end_s:
+        while True:
             while self._come:
                 line = self._come.popleft()
                 if line["type"] == kind:
                     return line
             self._come.extend(self.message())
             self.say(do="seen", n=self.head["n"])
-        raise AssertionError(f"no {kind} came")
 
     def until_closed(self) -> None:
         with pytest.raises(ConnectionClosed):

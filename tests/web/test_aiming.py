@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser
 
+from streaming import until
 from web.desk import Desk, Hand, Seen, seen
-from web.served import until
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 # Absolute errors of a good probe: two sigma are more than the tolerance.

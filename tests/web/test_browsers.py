@@ -18,7 +18,8 @@ from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.session import ASKS_MAX, LOGINS_MAX
 from imud.web.users import KeyUsers, TokenHolder
-from web.served import WRONG, Served, until
+from streaming import until
+from web.served import WRONG, Served
 
 
 def test_a_browser_gets_the_last_of_each_topic_and_then_what_comes(

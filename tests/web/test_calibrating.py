@@ -27,7 +27,8 @@ from imud.web import calibrator, guide
 from imud.web.calibrator import End, Task
 from imud.web.users import TokenHolder
 from raw_probe import calibrating
-from web.served import Live, Served, until
+from streaming import until
+from web.served import Live, Served
 
 PROBE = "stylus"
 HELLO = {

@@ -24,7 +24,7 @@ def chips(shown: Seen) -> list[list[str]]:
 
 def tell(desk: Desk, **hello: object) -> None:
     desk.probe.hello_fields = desk.probe.hello_fields | hello
-    desk.port.write(desk.probe.say("hello") + desk.probe.say("params"))
+    desk.hand.say("hello", "params")
 
 
 def test_a_missing_magnetometer_is_named_and_not_to_be_calibrated(
@@ -48,7 +48,6 @@ def test_a_failed_self_test_is_red_in_words_and_as_a_flag(
 def test_a_sensor_that_is_not_there_is_named_without_advice(
     shown: Seen, desk: Desk
 ) -> None:
-    fault = {"event": "bus_fault", "cause": "nack", "detail": 0}
     desk.hand.state = "fault"
-    desk.port.write(desk.probe.say("event", **fault))
+    desk.hand.say("event", event="bus_fault", cause="nack", detail=0)
     until(lambda: chips(shown) == [[ABSENT, "bad"]])

@@ -310,7 +310,7 @@ def test_a_lost_daemon_is_said_at_once_and_its_return_heals_the_page(
     shown: Seen, desk: Desk
 ) -> None:
     desk.end_daemon()
-    shown.page.get_by_text("Disconnected from the daemon").wait_for(timeout=2000)
+    shown.page.get_by_text("Disconnected from the daemon").wait_for()
     # Chromium reports each try to connect.
     desk.restart_daemon()
     shown.page.wait_for_selector('.link[data-state="open"]')

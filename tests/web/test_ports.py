@@ -10,7 +10,8 @@ from playwright.sync_api import Browser
 from imud.errors import PortRefused
 from imud.ports.standing import PortRow
 from imud.web.users import TokenHolder
-from web.served import Served, until
+from streaming import until
+from web.served import Served
 
 
 class Ports:

@@ -15,10 +15,12 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import length
+from fakes import PATIENCE_S
 from imud import serving
 from imud.web import connections, server, session
 from imud.web.server import MESSAGE_MAX
-from web.served import PATIENCE_S, Served, until
+from streaming import until
+from web.served import Served
 
 
 def test_the_page_and_its_modules_are_served_packed_and_guarded(served: Served) -> None:

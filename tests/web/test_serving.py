@@ -14,7 +14,7 @@ import pytest
 from websockets.sync.client import connect
 
 from chain import Chain
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import DaemonProcess, FakeProbe, Port
 from imud.config import reader
 from imud.errors import ConfigError
 from web.served import Live
@@ -68,7 +68,7 @@ def test_view_serves_a_daemon_elsewhere_and_passes_commands_on(tmp_path: Path) -
             server.start()
             browser.say(do="ask", id=1, probe=chain.probe.name, command="start")
             assert browser.next("answer")["answer"]["ok"]
-            server.join(PATIENCE_S)
+            server.join()
             browser.say(do="ask", id=2, probe=chain.probe.name, command="fly")
             assert "there is no command" in browser.next("answer")["error"]
     finally:
@@ -101,6 +101,6 @@ def test_the_page_gets_what_is_published(tmp_path: Path) -> None:
             browser.next("status")
             chain.port.write(chain.probe.poses(5))
             for _ in range(5):
-                assert browser.next("pose") == json.loads(heard.get(timeout=PATIENCE_S))
+                assert browser.next("pose") == json.loads(heard.get())
     finally:
         chain.close()

@@ -14,6 +14,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from fakes import PATIENCE_S
 from imud.roles import Role
 from imud.version import version
 from imud.web.browser import WAITING_MAX
@@ -21,7 +22,7 @@ from imud.web.messages import BrowserMessage
 from imud.web.server import STREAM_VERSION
 from imud.web.users import TOPICS, TokenHolder, grant_of
 from imud.wire import schema
-from web.served import PATIENCE_S, WRONG, Served
+from web.served import WRONG, Served
 
 
 @contextlib.contextmanager

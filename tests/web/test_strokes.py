@@ -18,7 +18,7 @@ def draw_two(shown: Seen, desk: Desk) -> None:
     for number, x in ((1, 0.03), (2, 0.06)):
         stroke = {"stroke": number, "end": "rest", "displacement": (0.03, 0.0, 0.0)}
         errors = {"displacement_sigma": (0.002, 0.001), "path_sigma": (0.004, 0.002)}
-        desk.hand.stroke(**stroke, **errors, path=(x, 0.0, 0.0))
+        desk.hand.say("stroke", **stroke, **errors, path=(x, 0.0, 0.0))
     shown.until("globalThis.imud.model.strokes.stops.length === 3")
 
 
@@ -35,10 +35,10 @@ def test_a_path_is_closed_by_a_click_on_the_page_or_two_of_the_probe(
     page.locator('[data-kind="warn"]', has_text="Closure").wait_for()
     assert page.evaluate(CLOSED)[-1] == [0, 0, 0]
     for _ in range(2):
-        desk.hand.press()
+        desk.hand.say("event", event="button_pressed", cause="button")
     shown.until("globalThis.imud.model.strokes.closing.by === 'button'")
     page.get_by_text("Closure").wait_for()
-    desk.hand.stroke(stroke=3, end="running")
+    desk.hand.say("stroke", stroke=3, end="running")
     page.get_by_text("Closure").wait_for(state="hidden")
 
 
@@ -59,7 +59,7 @@ def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
     assert shown.text('[data-sigma="stroke"]') == "±2.0 mm"
     stroke = {"stroke": 3, "end": "too_long", "displacement": None}
     lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
-    desk.hand.stroke(**stroke, **lost)
+    desk.hand.say("stroke", **stroke, **lost)
     page.get_by_text("too long").wait_for()
     desk.hand.turn((0.5, 0.5, -0.5, 0.5), position=None)
     page.get_by_text("sector and cone").wait_for()

@@ -18,7 +18,8 @@ from playwright.sync_api import Browser
 from imud.flash.firmware import Firmware
 from imud.web import processes, updater
 from imud.web.users import TokenHolder
-from web.served import Served, until
+from streaming import until
+from web.served import Served
 
 OFFERED = tuple(
     Firmware(

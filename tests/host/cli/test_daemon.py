@@ -71,7 +71,7 @@ def test_tare_from_the_command_line(
     server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
     server.start()
     assert cli.main(["tare", "--undo", "--connect", chain.daemon.endpoint]) == 0
-    server.join(PATIENCE_S)
+    server.join()
     assert capsys.readouterr().out == f"{chain.probe.name}: tare done\n"
     assert chain.probe.commands[-1]["arguments"] == (2, 0)
 
@@ -83,14 +83,14 @@ def test_restart_from_the_command_line(
     server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
     server.start()
     assert cli.main(["restart", "--filter", "mahony", *connect]) == 0
-    server.join(PATIENCE_S)
+    server.join()
     assert capsys.readouterr().out == f"{chain.probe.name}: restart done\n"
     assert chain.probe.commands[-1]["arguments"] == (3, 0)
     chain.probe.results["restart"] = "bad_argument"
     server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
     server.start()
     assert cli.main(["restart", "--filter", "dcm_pi", *connect]) == 1
-    server.join(PATIENCE_S)
+    server.join()
     assert capsys.readouterr().err == (
         f"imud: probe {chain.probe.name} has no filter dcm_pi: its firmware does not "
         "include it and runs fuse\n"

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from chain import Chain
-from fakes import PATIENCE_S
 from imud import cli
 from imud.params.value import Params
 
@@ -29,7 +28,7 @@ def test_a_value_is_published_logged_and_exported(
         heard = chain.hear("mark")
         assert cli.main([*words, "--note", "no pose yet", *network]) == 0
         assert "no pose at this moment" in capsys.readouterr().out
-        assert json.loads(heard.get(timeout=PATIENCE_S))["q"] is None
+        assert json.loads(heard.get())["q"] is None
 
         chain.probe.params.records = TIP.encode()
         chain.port.write(chain.probe.say("hello"))
@@ -38,10 +37,10 @@ def test_a_value_is_published_logged_and_exported(
         mark: dict[str, Any] = {"position_m": None}
         while mark["position_m"] is None:  # on a busy machine the pose is too old
             chain.port.write(chain.probe.say("pose", position=(0.1, 0.0, 0.0)))
-            pose = json.loads(poses.get(timeout=PATIENCE_S))
+            pose = json.loads(poses.get())
             assert cli.main([*words, "-0.42", "--note", "=1+1", *network]) == 0
             said = capsys.readouterr().out
-            mark = json.loads(heard.get(timeout=PATIENCE_S))
+            mark = json.loads(heard.get())
         assert said.startswith(f"{chain.probe.name}: marked; tip at")
         assert (mark["value"], mark["text"]) == (-0.42, "=1+1")
         assert mark["position_m"] == pose["position_m"]
@@ -51,7 +50,7 @@ def test_a_value_is_published_logged_and_exported(
         time.sleep(1.1)
         assert cli.main([*words, "--note", "too late", *network]) == 0
         assert "no pose at this moment" in capsys.readouterr().out
-        assert json.loads(heard.get(timeout=PATIENCE_S))["position_m"] is None
+        assert json.loads(heard.get())["position_m"] is None
 
         for wrong in (["nan"], ["a"], [], ["1", "--note", "x" * 201]):
             assert cli.main([*words, *wrong, *network]) == 1

@@ -39,7 +39,7 @@ def answering(chain: Chain) -> Iterator[None]:
         yield
     finally:
         stop.set()
-        server.join(PATIENCE_S)
+        server.join()
 
 
 class Desk:

@@ -18,7 +18,6 @@ import jsonschema
 import pytest
 
 from chain import Chain
-from fakes import PATIENCE_S
 from imud.cli import stroke_lines
 from imud.cli.stroke_lines import line_of, lines_of
 from imud.client import Client
@@ -224,10 +223,10 @@ def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
         with contextlib.suppress(CommandRefused):
             value = client.command(name, "close")["value"]
             break
-    records = [json.loads(heard.get(timeout=PATIENCE_S))]
+    records = [json.loads(heard.get())]
     for _ in range(2):
         chain.port.write(chain.probe.say("event", event="button_pressed"))
-    records.append(json.loads(heard.get(timeout=PATIENCE_S)))
+    records.append(json.loads(heard.get()))
     for each, by in zip(records, ("command", "button"), strict=True):
         jsonschema.validate(each, JSON_SCHEMAS["path"])
         assert (each["type"], each["probe"], each["by"]) == ("path", name, by)

@@ -11,7 +11,7 @@ import pytest
 
 import reference
 from chain import Chain
-from fakes import PATIENCE_S, FakeProbe
+from fakes import FakeProbe
 from imud.config.settings import Config, ProbeSettings
 from imud.daemon.commands import Commander, arguments_of, orders_of
 from imud.daemon.registry import Registry
@@ -115,7 +115,7 @@ def test_a_command_is_repeated_with_its_token_and_carried_out_once(
     server = threading.Thread(target=be_deaf_once)
     server.start()
     answer = chain.client.command(chain.probe.name, "start")
-    server.join(PATIENCE_S)
+    server.join()
     assert answer["ok"]
     assert [c["command"] for c in chain.probe.commands] == ["start"]
     assert len({order.fields["token"] for order in heard}) == 1

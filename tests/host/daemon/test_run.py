@@ -18,7 +18,7 @@ import zenoh
 
 import reference
 from chain import Chain
-from fakes import EQUIPMENT, PATIENCE_S, SOON_S, status_of
+from fakes import EQUIPMENT, SOON_S, status_of
 from imud import _core, cli
 from imud.errors import ProbeUnknown
 from imud.log.reader import Logged
@@ -31,9 +31,9 @@ KINDS = ("pose", "raw", "event", "status", "frame")
 
 
 def drain(heard: queue.Queue[bytes], last: bytes) -> list[bytes]:
-    found = [heard.get(timeout=PATIENCE_S)]
+    found = [heard.get()]
     while found[-1] != last:
-        found.append(heard.get(timeout=PATIENCE_S))
+        found.append(heard.get())
     return found
 
 
@@ -59,7 +59,7 @@ def test_poses_and_frames_reach_a_subscriber_whole_and_in_order(chain: Chain) ->
     assert got == sent
     first = chain.probe.sequence - 500
     while True:
-        pose = json.loads(poses.get(timeout=PATIENCE_S))
+        pose = json.loads(poses.get())
         if pose["seq"] >= first:
             break
     for number in range(first, first + 500):
@@ -86,7 +86,7 @@ def test_poses_and_frames_reach_a_subscriber_whole_and_in_order(chain: Chain) ->
         ]
         assert pose["t_device_us"] == number * 5000
         if number < first + 499:
-            pose = json.loads(poses.get(timeout=PATIENCE_S))
+            pose = json.loads(poses.get())
 
 
 def test_raw_and_events_have_keys_of_their_own(chain: Chain) -> None:

@@ -37,23 +37,17 @@ def test_the_log_stops_says_why_and_goes_on_when_there_is_room_again(
             # No more files than are open, or none longer than some kilobytes.
             least = 3 if limit == "RLIMIT_NOFILE" else 20_000
             resource.prlimit(pid, which, (least, before[1]))
-            until_s = time.monotonic() + 30.0
             while not any("log failed" in line for line in daemon.seen()):
                 port.write(probe.poses(100))
                 time.sleep(0.05)
-                assert time.monotonic() < until_s
             count = len(heard)
             port.write(probe.poses(20))
-            until_s = time.monotonic() + 10.0
             while len(heard) < count + 20:
-                assert time.monotonic() < until_s, "poses stopped, too"
                 time.sleep(0.02)
             resource.prlimit(pid, which, before)
-            until_s = time.monotonic() + 30.0
             while not any("log works again" in line for line in daemon.seen()):
                 port.write(probe.poses(20))
                 time.sleep(0.05)
-                assert time.monotonic() < until_s
         failing = [line for line in daemon.lines if "log failed" in line]
         assert len(failing) == 1, failing
         assert daemon.stop() < SOON_S

@@ -140,7 +140,7 @@ def test_a_failed_self_test_is_told_once_a_boot_and_flags_poses(chain: Chain) ->
         "magnetometer": "passed",
     }
     chain.port.write(chain.probe.say("pose"))
-    flags = json.loads(poses.get(timeout=PATIENCE_S))["flags"]
+    flags = json.loads(poses.get())["flags"]
     assert flags == ["at_rest", "self_test_failed"]
     assert f"{chain.probe.name}: {DEAD_WORDS}\n" in output_of(chain, "list")
     again = chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y)

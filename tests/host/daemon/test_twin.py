@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from chain import Chain
-from fakes import PATIENCE_S, FakeProbe
+from fakes import FakeProbe
 from imud import _core, cli
 from imud.wire import messages, schema
 
@@ -103,7 +103,7 @@ def test_the_twin_asks_follows_tells_a_difference_and_a_loss(
     assert chain.command("restart")["ok"]
     chain.daemon.expect("its twin compares from")
     assert twin_when(chain, lambda t: t["state"] == "following")["lost"] is None
-    states = [json.loads(told.get(timeout=PATIENCE_S)) for _ in range(4)]
+    states = [json.loads(told.get()) for _ in range(4)]
     names = ["following", "differs", "lost", "following"]
     assert [each["state"] for each in states] == names
     assert states[1]["seq"] == struck

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, Stopwatch
 from imud.client import Client
 from imud.daemon.commands import REPLY_TIMEOUT_S
 from imud.probes.ledger import totals
@@ -62,14 +62,14 @@ class Bench:
 
     def pose(self, sequence: int) -> dict[str, Any]:
         while True:
-            pose = self.poses.get(timeout=PATIENCE_S)
+            pose = self.poses.get()
             if pose["seq"] == sequence:
                 return pose
 
     def ledger(self, received: int) -> dict[str, Any]:
         """The ledger of the first status with that many messages of all boots."""
         while True:
-            ledger = self.statuses.get(timeout=PATIENCE_S)["ledger"]
+            ledger = self.statuses.get()["ledger"]
             if totals(ledger).received >= received:
                 assert totals(ledger).received == received
                 return dict(ledger)
@@ -81,11 +81,11 @@ class Bench:
 
     def come_back(self, sent: bytes) -> float:
         """Seconds until the pose that ends these bytes is published."""
-        begin = time.monotonic()
+        watch = Stopwatch(self.daemon.process.pid)
         self.port.wait_open()
         self.port.write(sent)
         self.pose(self.probe.sequence - 1)
-        return time.monotonic() - begin
+        return watch.look()
 
     def close(self) -> None:
         self.client.close()
@@ -202,12 +202,12 @@ def test_a_probes_own_settings_are_applied_whenever_it_appears(
     with bench(tmp_path, OWN) as desk:
 
         def obeyed() -> float:
-            begin = time.monotonic()
+            watch = Stopwatch(desk.daemon.process.pid)
             desk.port.serve(desk.probe, len(ORDERS))
             heard = [(c["command"], c["arguments"]) for c in desk.probe.commands]
             desk.probe.commands.clear()
             assert heard == ORDERS
-            back_s = time.monotonic() - begin
+            back_s = watch.look()
             # Behind its last answer: with this pose, that has come.
             desk.port.write(desk.probe.say("pose"))
             desk.pose(desk.probe.sequence - 1)

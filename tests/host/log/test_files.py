@@ -186,9 +186,7 @@ def test_with_mcap_alone_all_that_the_daemon_logs_is_what_its_schema_says(
         daemon.expect("found")
         port.write(probe.poses(50) + probe.say("raw") + probe.say("event"))
         with Client(daemon.endpoint) as client:
-            until = time.monotonic() + 30
             while status_of(client)["ledger"]["logged"].get("event") != 1:
-                assert time.monotonic() < until
                 time.sleep(0.05)
         daemon.stop()
     port.vanish()

@@ -130,7 +130,7 @@ def test_a_command_beside_a_daemon(command: str, chain: Desk, tmp_path: Path) ->
         server.start()
     found = said(tmp_path, command, words, "--connect", chain.daemon.endpoint)
     if has_to_answer(command):
-        server.join(PATIENCE_S)
+        server.join()
     assert says in found
 
 
@@ -140,7 +140,7 @@ def test_what_a_thread_reads_is_what_was_sent(chain: Desk) -> None:
     chain.client.statuses()  # once it is answered, the daemon knows the subscriber
     for _ in range(200):
         chain.port.write(chain.probe.say("pose"))
-    numbers = [json.loads(heard.get(timeout=PATIENCE_S))["seq"] for _ in range(200)]
+    numbers = [json.loads(heard.get())["seq"] for _ in range(200)]
     assert numbers == [*range(numbers[0], numbers[0] + 200)]
 
 

@@ -15,7 +15,14 @@ from pathlib import Path
 import pytest
 
 import imud
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
+from fakes import (
+    PATIENCE_S,
+    DaemonProcess,
+    FakeProbe,
+    Port,
+    Stopwatch,
+    free_endpoint,
+)
 from imud.client import Client
 from imud.defaults import ENDPOINT
 from streaming import Process, Streaming, until, zenoh_of
@@ -94,11 +101,10 @@ def test_a_router_may_come_late_be_killed_and_come_back(
                 daemon.expect("warning: zenoh failed, retrying: lost the connection")
                 time.sleep(1.0)
                 router = Process(ROUTER, endpoint)
-                begin = time.monotonic()
+                watch = Stopwatch(daemon.process.pid)
                 while poses.missed.network == 0:
                     poses.get(0.1)
-                    assert time.monotonic() < begin + PATIENCE_S
-                back_s = time.monotonic() - begin
+                back_s = watch.look()
                 record_property("back_s", back_s)
                 # The daemon looks each 2 s, a client of Zenoh's each 4 s at most.
                 assert back_s < 8.0
@@ -238,7 +244,7 @@ def test_who_comes_late_gets_the_poses_that_are_kept(
                 lambda each: heard.put(json.loads(each.payload)["number"]),
                 history=100,
             )
-            kept = [heard.get(timeout=PATIENCE_S) for _ in range(history)]
+            kept = [heard.get() for _ in range(history)]
 
             def hears_another() -> bool:
                 # The daemon learns of a subscriber a while after it has subscribed.

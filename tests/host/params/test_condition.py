@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from chain import Chain
-from fakes import PATIENCE_S
 from fakes.params import parts_of
 from imud.params.condition import (
     APART_DEGC,
@@ -172,7 +171,7 @@ def test_poses_alone_tell_that_a_calibration_is_far_from_its_temperature(
     chain.daemon.expect(re.escape(f"probe {probe.name}: {far}"))
     assert not [line for line in chain.daemon.lines if "is good" in line]
     chain.port.write(probe.say("pose"))
-    flags = json.loads(poses.get(timeout=PATIENCE_S))["flags"]
+    flags = json.loads(poses.get())["flags"]
     assert flags == ["at_rest", "calibration_temperature"]
     advises(25.0, "")
     chain.daemon.expect(f"probe {probe.name}: its calibration is good")
@@ -203,5 +202,5 @@ def test_a_probe_with_an_old_calibration_says_so_in_poses_status_and_journal(
     assert status["params"]["flags"] == ["calibration_old"]
     chain.daemon.expect(f"probe {probe.name}: {words}")
     chain.port.write(probe.say("pose"))
-    flags = json.loads(poses.get(timeout=PATIENCE_S))["flags"]
+    flags = json.loads(poses.get())["flags"]
     assert flags == ["at_rest", "calibration_old"]

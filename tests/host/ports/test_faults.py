@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from chain import Chain
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import DaemonProcess, FakeProbe, Port
 from imud import _core
 from imud.client import Client
 from imud.errors import CommandRefused
@@ -111,7 +111,7 @@ def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> No
         with Client(process.endpoint) as client:
             heard: queue.Queue[bytes] = queue.Queue()
             client.subscribe("status", None, lambda _, payload: heard.put(payload))
-            status = json.loads(heard.get(timeout=PATIENCE_S))
+            status = json.loads(heard.get())
             assert status["state"] == "other schema"
             assert status["hello"]["firmware"] == "0.0.9+old"
             assert status["link"]["corrupt"] == 0

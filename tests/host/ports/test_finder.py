@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from fakes import PATIENCE_S, FakeProbe, Port
+from fakes import FakeProbe, Port, Stopwatch
 from imud.config.settings import PortSettings
 from imud.errors import PortLost
 from imud.ports import baud, finder, link, port
@@ -112,9 +112,9 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
         desk.unplug(port)
         await asyncio.sleep(0.1)
         port, probe = desk.plug("ttyUSB0"), FakeProbe()
-        begin = time.monotonic()
+        watch = Stopwatch()
         await desk.open_port(port)
-        assert time.monotonic() - begin < 0.8
+        assert watch.look() < 0.8
         await desk.say_until_found(port, probe)
         desk.unplug(port)
 
@@ -146,7 +146,6 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
             assert desk.port_of(probe) == str(port.path)
         spoke_s = time.monotonic()
         while desk.port_of(probe) is not None:
-            assert time.monotonic() < spoke_s + PATIENCE_S
             desk.finder.check(time.monotonic_ns())
             await asyncio.sleep(0.01)
         assert time.monotonic() - spoke_s > silent_s * 0.8

@@ -53,12 +53,10 @@ def joined(folder: Path, address: Any, probe: str) -> tuple[UdpProbe, FakeProbe]
 
 
 def status_when(client: Client, probe: str, is_so: Any) -> dict[str, Any]:
-    until = time.monotonic() + PATIENCE_S
     while True:
         for status in client.statuses():
             if status["probe_id"] == probe and is_so(status):
                 return status
-        assert time.monotonic() < until, client.statuses()
         time.sleep(0.05)
 
 
@@ -96,7 +94,7 @@ def test_a_command_arrives_signed_and_its_answer_returns(tmp_path: Path) -> None
             served = threading.Thread(target=serve, args=(wire, fake, "start"))
             served.start()
             assert client.command(FIRST, "start")["ok"]
-            served.join(PATIENCE_S)
+            served.join()
         wire.close()
 
 

@@ -151,7 +151,7 @@ def heard_until(heard: Any, is_so: Any, chain: Chain, **fields: Any) -> Any:
     """The first record of which that is true, while the probe says such poses."""
     for _ in range(200):
         chain.port.write(chain.probe.say("pose", **fields))
-        record = json.loads(heard.get(timeout=30))
+        record = json.loads(heard.get())
         jsonschema.validate(record, JSON_SCHEMAS[record["type"]])
         if is_so(record):
             return record
@@ -209,7 +209,7 @@ def test_a_target_is_published_with_each_pose(tmp_path: Any) -> None:
         chain.client.command(name, "aim", q="2,0,0,0", axis="z", target="entry")
         chain.port.write(chain.probe.poses(2))
         for _ in range(2):
-            record = json.loads(heard.get(timeout=30))
+            record = json.loads(heard.get())
             jsonschema.validate(record, JSON_SCHEMAS["aim"])
             assert (record["probe"], record["target"], record["axis"]) == (
                 name,

@@ -116,7 +116,7 @@ class Held:
 
     def write(self, _: Item) -> None:
         self.has_begun.set()
-        assert self.may.wait(30)
+        self.may.wait()
         if self.is_failing:
             raise OSError("no room")
 
@@ -129,7 +129,7 @@ def test_a_sink_s_counts_add_up_while_it_is_stuck_and_after(is_failing: bool) ->
     for number in range(20_000):
         hub.put(Record("p", "pose", b"{}", b"", number, 0, 0))
         if number == 0:
-            assert sink.has_begun.wait(30)
+            sink.has_begun.wait()
             hub.put(Presence("p", True))
     stuck = hub.counts("p")["held"]
     assert stuck.taken == 0
@@ -154,13 +154,13 @@ def test_counts_add_up_while_another_sink_takes_the_place_of_a_stuck_one() -> No
             hub.put(Record("p", "pose", b"{}", b"", number, 0, 0))
 
     put(0)
-    assert stuck.has_begun.wait(30)
+    stuck.has_begun.wait()
     hub.set("held", after)
     put(100)
     counts = hub.counts("p")["held"]
     assert (counts.taken, counts.dropped, counts.waiting) == (0, 0, 200)
     stuck.may.set()
-    assert after.has_begun.wait(30)
+    after.has_begun.wait()
     hub.close()
     counts = hub.counts("p")["held"]
     assert (counts.taken, counts.dropped, counts.waiting) == (200, 0, 0)

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import DaemonProcess, FakeProbe, Port
 from imud._core import Rising
 from imud.client import Client
 from imud.probes.record import Stamp
@@ -229,7 +229,7 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
             select.select([port.master], [], [], 0.005)
             probe.time_us = device_us()
             port.write(port.answers(probe))
-        return [heard.get(timeout=PATIENCE_S) for _ in range(count)]
+        return [heard.get() for _ in range(count)]
 
     with DaemonProcess(port.path, directory=tmp_path, program=program) as daemon:
         port.wait_open()
@@ -254,10 +254,10 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
                 after += speak(1)
             back = clocks.get()
             late = speak(100)
-            status = statuses.get(timeout=PATIENCE_S)
+            status = statuses.get()
             while status["clock"]["host_steps"] < 2:
                 late += speak(10)
-                status = statuses.get(timeout=PATIENCE_S)
+                status = statuses.get()
         lines = [daemon.expect(re.escape(what)) for what in ("+3600.0", "-1.0")]
         daemon.stop()
     port.vanish()

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from chain import Chain
-from fakes import PATIENCE_S, FakeProbe
+from fakes import FakeProbe
 from imud.client import Delivery
 from imud.log.file import Settings
 from imud.log.reader import METADATA_OF_PROBES, Logged
@@ -162,7 +162,7 @@ def test_a_recorder_as_a_process_keeps_all_that_a_daemon_says(tmp_path: Path) ->
         with Streaming(chain.port, chain.probe):
             until(lambda: path.stat().st_size > empty + 5000)
         process.send_signal(signal.SIGTERM)
-        out, _ = process.communicate(timeout=PATIENCE_S)
+        out, _ = process.communicate()
     finally:
         process.kill()
         chain.close()

@@ -10,7 +10,6 @@ import json
 import socket
 import struct
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -85,9 +84,7 @@ def test_a_daemon_says_live_what_it_logs(tmp_path: Path) -> None:
         topics = {f"imud/{probe.name}/{kind}" for kind in ("pose", "pose_in_frame")}
         heard: dict[str, dict[int, bytes]] = {topic: {} for topic in topics}
         with viewer(host, port) as live:
-            until_s = time.monotonic() + PATIENCE_S
             while min(map(len, heard.values())) < 5:
-                assert time.monotonic() < until_s
                 # A subscription takes effect a while after it is sent.
                 pty.write(probe.poses(1))
                 with contextlib.suppress(TimeoutError):
