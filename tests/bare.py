@@ -77,7 +77,6 @@ def _run(program: str, folder: Path, *more: str, code: int) -> Output:
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
     )
     assert done.returncode == code, done.stderr
     data = record.read_bytes()
@@ -91,7 +90,6 @@ def refused(program: str, *more: str) -> str:
         capture_output=True,
         text=True,
         check=False,
-        timeout=20,
     )
     assert done.returncode == 2, done.stderr
     return done.stderr

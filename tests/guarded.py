@@ -109,7 +109,7 @@ def received_on(
         session.declare_subscriber(key, on_sample, allowed_origin=remote)
         for key in keys
     ]
-    time.sleep(WHILE_S)
+    time.sleep(WHILE_S)  # nothing more comes
     while not set(wanted) <= count.keys():
         time.sleep(0.02)
     for subscriber in held:

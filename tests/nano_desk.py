@@ -34,7 +34,6 @@ def run(desk: Path, tmp_path: Path, *more: str, code: int = 0) -> tuple[bytes, A
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
     )
     assert done.returncode == code, done.stderr
     return record.read_bytes(), json.loads(summary.read_text())

@@ -6,7 +6,6 @@ otherwise it tries all of them.
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,12 +56,9 @@ class Desk:
         port.vanish()
         self.devices = [d for d in self.devices if d.device != str(port.path)]
 
-    async def until(self, is_so: Callable[[], object]) -> float:
-        """The seconds until that is true."""
-        begin = time.monotonic()
+    async def until(self, is_so: Callable[[], object]) -> None:
         while not is_so():
             await asyncio.sleep(0.005)
-        return time.monotonic() - begin
 
     def port_of(self, probe: FakeProbe) -> str | None:
         entry = self.intake.registry.named(probe.name)
@@ -78,13 +74,11 @@ class Desk:
 
     async def say_until_found(
         self, port: Port, probe: FakeProbe, *, every_s: float = 0.1
-    ) -> float:
+    ) -> None:
         """Hellos, as on a wire: whatever is heard of them."""
-        begin = time.monotonic()
         while self.port_of(probe) != str(port.path):
             port.write(probe.say("hello") + probe.say("status"))
             await asyncio.sleep(every_s)
-        return time.monotonic() - begin
 
 
 def at_desk(

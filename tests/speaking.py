@@ -20,7 +20,7 @@ def speaking(directory: Path, *, page: bool = False) -> Iterator[DaemonProcess]:
 
     def speak() -> None:
         for count in itertools.count():
-            if ended.wait(0.01):
+            if ended.wait(0.01):  # 100 poses a second
                 return
             port.write(probe.say("hello" if count % 50 == 0 else "pose"))
             port.write(port.answers(probe))

@@ -80,12 +80,9 @@ class Streaming:
         self._thread.join()
 
 
-def until(is_so: Callable[[], object]) -> float:
-    """Seconds that it took."""
-    begin = time.monotonic()
+def until(is_so: Callable[[], object]) -> None:
     while not is_so():
         time.sleep(0.02)
-    return time.monotonic() - begin
 
 
 def zenoh_of(client: Client) -> dict[str, int]:

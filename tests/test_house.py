@@ -10,6 +10,7 @@ import itertools
 import re
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,9 @@ BYTE_SHUFFLERS = {
     *("frame.c", "logbook.c", "messages.c", "mpu9250.c", "sdcard.c", "settings.c"),
     "crc32.c",
 }
+
+# How a wait is called, and how its limit.
+WAITS, LIMITS = (".wait", ".join", ".communicate"), {"timeout", "timeout_s"}
 
 COMPILERS = ("gcc", "avr-gcc", "arm-none-eabi-gcc")
 # Names for arithmetic on float and double: libgcc's (sf, df), then those of the ARM
@@ -360,6 +364,38 @@ def test_a_sized_constant_is_one_number():
     sized = re.compile(r"\bU?INT(?:8|16|32|64)_C\((?![0-9]\w*\))[^)]*\)")
     for path in files(FIRMWARE, kinds=("*.c", "*.h")):
         assert not sized.findall(path.read_text()), identified(path)
+
+
+def wall_clock(path: Path) -> Iterator[int]:
+    """Lines that bind a test to the machine's clock: a sleep that is no part of a loop,
+    which waits for a condition; what is compared with the time; a limit in figures.
+    """
+    tree = ast.parse(path.read_text())
+    loops = (each for each in ast.walk(tree) if isinstance(each, ast.While))
+    looped = {id(node) for loop in loops for node in ast.walk(loop)}
+    compared = (each for each in ast.walk(tree) if isinstance(each, ast.Compare))
+    timed = {id(node) for each in compared for node in ast.walk(each)}
+    for call in (each for each in ast.walk(tree) if isinstance(each, ast.Call)):
+        name = ast.unparse(call.func)
+        limits = [each.value for each in call.keywords if each.arg in LIMITS]
+        if name.endswith(WAITS) and "chips" not in path.parts:  # with their own time
+            limits += call.args
+        is_waiting = any(
+            isinstance(each, ast.Constant) and each.value for each in limits
+        )
+        is_waiting |= name in ("time.sleep", "asyncio.sleep")
+        is_compared = name == "time.monotonic" and id(call) in timed
+        if (is_waiting and id(call) not in looped) or is_compared:
+            yield call.lineno
+
+
+def test_a_clock_on_the_wall_has_its_reason_on_the_line():
+    none_of(
+        f"{identified(path)}:{number}"
+        for path in files(ROOT / "tests", kinds=("*.py",))
+        for number in wall_clock(path)
+        if "  # " not in path.read_text().splitlines()[number - 1]
+    )
 
 
 @functools.cache

@@ -60,7 +60,6 @@ def run(folder: Path, call: str, *, asan: bool) -> subprocess.CompletedProcess[s
         env=env,
         capture_output=True,
         text=True,
-        timeout=60,
         check=False,
     )
 

@@ -165,21 +165,21 @@ def sites(tmp_path: Path) -> Iterator[Sites]:
 def cut_both_ways(sites: Sites) -> None:
     for ways in (("router-a", "router-b"), ("router-b", "router-a")):
         sites.lab.cut(*ways)
-    time.sleep(CUT_S)
+    time.sleep(CUT_S)  # the fault lasts
     for ways in (("router-a", "router-b"), ("router-b", "router-a")):
         sites.lab.heal(*ways)
 
 
 def cut_one_way(sites: Sites) -> None:
     sites.lab.cut("router-a", "router-b")
-    time.sleep(CUT_S)
+    time.sleep(CUT_S)  # the fault lasts
     sites.lab.heal("router-a", "router-b")
 
 
 def cut_for_longer_than_a_lease(sites: Sites) -> None:
     """Zenoh gives a silent link up after 10 s."""
     sites.lab.cut("router-b", "router-a")
-    time.sleep(12.0)
+    time.sleep(12.0)  # longer than a lease
     sites.lab.heal("router-b", "router-a")
 
 
@@ -188,7 +188,7 @@ def cut_off_a_host(sites: Sites) -> None:
     host = next(iter(SITES["a"]))
     for ways in ((host, "router-a"), ("router-a", host)):
         sites.lab.cut(*ways)
-    time.sleep(12.0)
+    time.sleep(12.0)  # longer than a lease
     for ways in ((host, "router-a"), ("router-a", host)):
         sites.lab.heal(*ways)
 
@@ -202,7 +202,7 @@ def kill_a_router(sites: Sites) -> None:
 def freeze_a_daemon(sites: Sites) -> None:
     process = sites.desks[0].daemon.process
     process.send_signal(signal.SIGSTOP)
-    time.sleep(CUT_S)
+    time.sleep(CUT_S)  # the fault lasts
     process.send_signal(signal.SIGCONT)
 
 

@@ -113,9 +113,8 @@ def _begin(name: str, options: argparse.Namespace) -> Path:
             stderr=said,
             start_new_session=True,
         )
-    deadline_s = time.monotonic() + 60
     while not _state(folder):
-        if time.monotonic() > deadline_s or (folder / "worker.txt").stat().st_size:
+        if (folder / "worker.txt").stat().st_size:
             sys.exit(f"{name} does not start: see {folder / 'worker.txt'}")
         time.sleep(LOOK_S)
     return folder
@@ -127,7 +126,7 @@ def _watch(folders: Sequence[Path], minutes: float | None) -> list[dict[str, Any
     states = [_state(folder) for folder in folders]
     progress = Progress("hours", sum(state["seconds"] for state in states))
     try:
-        while time.monotonic() < end_s and any(map(_is_running, states)):
+        while time.monotonic() < end_s and any(map(_is_running, states)):  # MINUTES
             time.sleep(LOOK_S)
             states = [_state(folder) for folder in folders]
             progress.update(sum(state["device_s"] for state in states))

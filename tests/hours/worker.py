@@ -103,7 +103,7 @@ class Hours:
         state["device_s"] = judge.device_us * 1e-6
         if state["device_s"] >= (len(state["parts"]) + 1) * self.part_s:
             self._part()
-        if time.monotonic() - self._told_s >= TELL_S:
+        if time.monotonic() - self._told_s >= TELL_S:  # for who looks on
             self.tell()
 
     def _part(self) -> None:

@@ -37,7 +37,6 @@ def image() -> Path:
         env=os.environ | QUIET,
         check=True,
         stdin=subprocess.DEVNULL,
-        timeout=300,
     )
     return IMAGE
 

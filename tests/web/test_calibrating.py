@@ -158,7 +158,7 @@ class Sending(threading.Thread):
                 later = msgspec.structs.replace(sample, t_us=at_us)
                 self._served.page.publish([((PROBE, "raw"), payload(later))])
             self._served.page.flush()
-            if self._is_over.wait(0.02):
+            if self._is_over.wait(0.02):  # fifty bursts a second
                 return
 
     def stop(self) -> None:

@@ -63,7 +63,7 @@ def test_keys_end_or_give_up(
         text.close()
     # It ends with the terminal. Otherwise it would read from the next file with that
     # number.
-    drained.join(30)
+    drained.join()
     assert not drained.is_alive()
     os.close(master)
 

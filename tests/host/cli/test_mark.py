@@ -47,7 +47,7 @@ def test_a_value_is_published_logged_and_exported(
         assert mark["t_pose_ns"] == pose["t_ns"]
 
         # A probe that has stopped may have been moved since.
-        time.sleep(1.1)
+        time.sleep(1.1)  # a pose is too old after 1 s
         assert cli.main([*words, "--note", "too late", *network]) == 0
         assert "no pose at this moment" in capsys.readouterr().out
         assert json.loads(heard.get())["position_m"] is None

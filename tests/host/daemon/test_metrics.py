@@ -126,7 +126,7 @@ def ask(server: MetricsServer, data: bytes) -> bytes:
 
 
 def assert_serves(server: MetricsServer) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", server.port)
     connection.request("GET", "/metrics")
     response = connection.getresponse()
     assert response.status == 200

@@ -33,7 +33,7 @@ def test_the_log_stops_says_why_and_goes_on_when_there_is_room_again(
         with Client(daemon.endpoint) as client:
             heard: list[bytes] = []
             client.subscribe("pose", None, lambda _, payload: heard.append(payload))
-            time.sleep(0.3)
+            client.statuses()  # then the daemon knows of it
             # No more files than are open, or none longer than some kilobytes.
             least = 3 if limit == "RLIMIT_NOFILE" else 20_000
             resource.prlimit(pid, which, (least, before[1]))

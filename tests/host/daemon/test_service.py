@@ -135,7 +135,7 @@ def test_settings_that_cannot_be_end_it_for_good_and_its_status_says_why(
         "--config", tmp_path / "imud.toml", directory=tmp_path
     ) as daemon:
         (line,) = daemon.rest()
-        assert daemon.process.wait(30) == 78
+        assert daemon.process.wait() == 78
     assert line.startswith("imud: ")
     status = manager.expect("STATUS=")
     assert status.startswith(f"STATUS={line.removeprefix('imud: ')}; correct it")
@@ -153,7 +153,7 @@ def test_a_taken_port_of_poses_ends_it_without_a_log(
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         with DaemonProcess(directory=tmp_path, endpoint=endpoint) as daemon:
             daemon.rest()
-            assert daemon.process.wait(30) == 1
+            assert daemon.process.wait() == 1
     assert not [*tmp_path.rglob("*.mcap")]
     assert endpoint in manager.expect("STATUS=")
 

@@ -101,7 +101,7 @@ def is_as_fast_beside_one_that_stands_still(
                 until(lambda: len(heard) > 2000)
                 before, memory = len(heard), resident_mb(pid)
                 stuck.send(signal.SIGSTOP)
-                time.sleep(STOPPED_S)
+                time.sleep(STOPPED_S)  # so long it stands
                 during, grown = len(heard), resident_mb(pid) - memory
                 stuck.send(signal.SIGCONT)
                 begin, sent = time.monotonic(), stream.sent

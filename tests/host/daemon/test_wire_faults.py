@@ -76,7 +76,7 @@ class Bench:
 
     def replug(self, *, after_s: float = 0.0) -> None:
         self.port.vanish()
-        time.sleep(after_s)
+        time.sleep(after_s)  # so long it is unplugged
         self.port = Port(self.port.path)
 
     def come_back(self, sent: bytes) -> float:

@@ -38,7 +38,7 @@ class Stm32Rom:
 
     def ended(self) -> None:
         """Waits until the image was started."""
-        self._thread.join(5.0)
+        self._thread.join()
 
     def close(self) -> None:
         for descriptor in (self._theirs, self._ours):

@@ -99,7 +99,7 @@ def test_a_router_may_come_late_be_killed_and_come_back(
                     daemon.expect(f"network: connected to {endpoint}|zenoh works again")
                 router.kill()
                 daemon.expect("warning: zenoh failed, retrying: lost the connection")
-                time.sleep(1.0)
+                time.sleep(1.0)  # so long it is gone
                 router = Process(ROUTER, endpoint)
                 watch = Stopwatch(daemon.process.pid)
                 while poses.missed.network == 0:

@@ -227,7 +227,7 @@ def test_a_denied_message_waits_for_the_name_of_who_sent_it(
     try:
         os.write(end, denied("0abcdef0"))
         with pytest.raises(queue.Empty):
-            told.get(timeout=0.1)
+            told.get(timeout=0.1)  # nothing comes
         refusals.know("abcdef0123456789", "the viewer")
         assert "the viewer requested" in told.get()
         # It waits once for a session that nobody names.

@@ -159,7 +159,7 @@ def test_a_viewer_has_the_last_status_the_history_and_who_is_alive(
             lambda each: numbers.append(json.loads(each.payload)["number"]),
             history=20,
         )
-        time.sleep(WHILE_S)
+        time.sleep(WHILE_S)  # history and live poses come
         undeclare()
     # 100 a second come live: those before the first of these are of the history.
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
@@ -275,7 +275,7 @@ def test_spoofed_puts_reach_nobody(guarded: Guarded, user: Role) -> None:
             f"imud/{PROBE}/status", lambda query: query.reply(query.key_expr, b"forged")
         )
         until = time.monotonic() + WHILE_S
-        while time.monotonic() < until:
+        while time.monotonic() < until:  # it tries for so long
             for topic in topics:
                 mine.put(f"imud/{PROBE}/{topic}", b"forged")
                 mine.put(f"imud/forged/{topic}", b"forged")

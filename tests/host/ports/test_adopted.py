@@ -59,7 +59,7 @@ def test_a_chip_that_may_be_anybodys_is_not_opened_until_a_person_adopts_it(
 
     async def check(desk: Desk) -> None:
         port, probe = desk.plug("ttyUSB0"), FakeProbe()
-        await asyncio.sleep(0.3)
+        await asyncio.sleep(0.3)  # it is listed, not opened
         assert not list(desk.finder)
         lines = [r.getMessage() for r in caplog.records]
         assert lines == [
@@ -94,7 +94,7 @@ def test_a_port_on_which_a_probe_was_heard_is_found_by_the_next_daemon(
         desk.unplug(port)
         # Another of these chips, which have no serial numbers, in another socket.
         other = desk.plug("ttyUSB1", location="1-1.3")
-        await asyncio.sleep(0.2)
+        await asyncio.sleep(0.2)  # it is listed, not opened
         assert str(other.path) not in {p.name for p in desk.finder}
         desk.unplug(other)
 
@@ -145,7 +145,7 @@ def test_another_program_on_a_port_gets_every_byte_and_its_board_is_not_reset(
             desk.devices.append(Device(str(port.path)))
             sent, number = hashlib.sha256(), 0
             until_s = time.monotonic() + SECONDS
-            while time.monotonic() < until_s:
+            while time.monotonic() < until_s:  # the other program reads
                 line = b"%d\n" % number
                 sent.update(line)
                 port.write(line)
@@ -176,7 +176,7 @@ def test_a_damaged_memory_is_said_and_named_ports_go_on(
     async def check(desk: Desk) -> None:
         port = desk.plug("ttyUSB0")
         await desk.say_until_found(port, FakeProbe())
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.1)  # it is said meanwhile
         desk.unplug(port)
 
     at_desk(tmp_path, check, find=True, named=(str(tmp_path / "ttyUSB0"),))

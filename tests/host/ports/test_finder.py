@@ -110,7 +110,7 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
         assert pauses[2] >= 0.8
         # Another probe comes to that port: it is tried at once.
         desk.unplug(port)
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.1)  # it is seen to be gone
         port, probe = desk.plug("ttyUSB0"), FakeProbe()
         watch = Stopwatch()
         await desk.open_port(port)
@@ -139,7 +139,7 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
         await desk.say_until_found(port, probe)
         # Whatever it says keeps the port, for longer than that.
         until_s = time.monotonic() + 3 * silent_s
-        while time.monotonic() < until_s:
+        while time.monotonic() < until_s:  # what it says is heard
             port.write(probe.say("pose"))
             await asyncio.sleep(silent_s / 10)
             desk.finder.check(time.monotonic_ns())
@@ -148,12 +148,12 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
         while desk.port_of(probe) is not None:
             desk.finder.check(time.monotonic_ns())
             await asyncio.sleep(0.01)
-        assert time.monotonic() - spoke_s > silent_s * 0.8
+        assert time.monotonic() - spoke_s > silent_s * 0.8  # not sooner
         await desk.until(lambda: not list(desk.finder))
         # Another program can have it, and is not disturbed.
         holder = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
         fcntl.flock(holder, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        await asyncio.sleep(0.3)
+        await asyncio.sleep(0.3)  # nothing is written
         assert not select.select([port.master], [], [], 0)[0]
         os.close(holder)
         # When it speaks again it is found again, with its account.

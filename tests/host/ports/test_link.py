@@ -219,12 +219,12 @@ def test_a_bluetooth_port_that_connects_for_long_holds_nothing_else_up(
         )
         # Nobody waits any more: what is opened then is closed at once.
         left = asyncio.create_task(first.run())
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.05)  # both threads have their turn
         left.cancel()
         await asyncio.gather(left, return_exceptions=True)
         answered.set()
         await asyncio.to_thread(opened.wait, PATIENCE_S)
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0.05)  # both threads have their turn
         serving = asyncio.create_task(second.run())
         await asyncio.wait_for(is_open.wait(), PATIENCE_S)
         serving.cancel()

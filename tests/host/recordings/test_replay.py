@@ -283,7 +283,7 @@ def test_a_reader_that_flushes_late_and_reads_slowly_gets_all(tmp_path: Path) ->
     link = tmp_path / "probe"
     with replaying(path, link):
         port = os.open(link, os.O_RDWR | os.O_NOCTTY)
-        time.sleep(1.0)
+        time.sleep(1.0)  # it may write meanwhile
         termios.tcflush(port, termios.TCIFLUSH)
         attributes = termios.tcgetattr(port)
         attributes[2] &= ~termios.HUPCL

@@ -84,7 +84,7 @@ def test_an_aim_of_which_nothing_more_comes_is_over(
     order = eyes.order()
     assert isinstance(order, Correct)
     assert np.linalg.norm(order.turn) == pytest.approx(np.pi)
-    time.sleep(0.1)
+    time.sleep(0.1)  # longer than FORGOTTEN_S
     assert eyes.order() is None
 
 

@@ -152,7 +152,7 @@ def test_bytes_go_both_ways_over_the_pty(tmp_path: Path) -> None:
             assert read(wire, 200) == sent
         os.close(wire)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(20) == 0
+        assert process.wait() == 0
     finally:
         process.kill()
         process.communicate()
@@ -195,7 +195,6 @@ def test_a_mistake_is_told_in_a_line(
         capture_output=True,
         text=True,
         check=False,
-        timeout=20,
     )
     assert done.returncode == 2
     assert done.stderr.startswith("f405: ")
@@ -212,7 +211,6 @@ def test_a_nano_has_no_such_faults(tmp_path: Path, kind: str) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=20,
     )
     assert done.returncode == 2
     assert f"no such kind of fault: {kind}" in done.stderr

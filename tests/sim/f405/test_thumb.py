@@ -57,7 +57,6 @@ def compare(program: Path, seed: int, cases: int) -> subprocess.CompletedProcess
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
     )
 
 

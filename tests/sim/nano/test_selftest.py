@@ -46,7 +46,7 @@ def built() -> None:
 
 def nano(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [NANO, *arguments], capture_output=True, text=True, check=False, timeout=120
+        [NANO, *arguments], capture_output=True, text=True, check=False
     )
 
 

@@ -68,7 +68,7 @@ def read(wire: int, length: int) -> bytes:
 
 def stop(process: subprocess.Popen[str], tmp_path: Path) -> Any:
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20) == 0
+    assert process.wait() == 0
     return json.loads((tmp_path / "summary.json").read_text())
 
 

@@ -90,7 +90,6 @@ def test_a_motion_can_come_through_a_pipe(desk: Path, tmp_path: Path) -> None:
         input=records,
         capture_output=True,
         check=True,
-        timeout=20,
     )
     seconds = json.loads(summary.read_text())["seconds"]
     assert seconds == pytest.approx(0.62, abs=0.0011)

@@ -43,9 +43,7 @@ def test_a_mistake_is_told_in_a_line(
     desk: Path, arguments: list[str], expected: str
 ) -> None:
     given = [argument.format(desk=desk) for argument in arguments]
-    done = subprocess.run(
-        [NANO, *given], capture_output=True, text=True, check=False, timeout=20
-    )
+    done = subprocess.run([NANO, *given], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stderr.startswith("nano: ")
     assert expected in done.stderr.splitlines()[0]
@@ -74,7 +72,6 @@ def test_a_mistake_in_the_faults_is_named(
         capture_output=True,
         text=True,
         check=False,
-        timeout=20,
     )
     assert done.returncode == 2
     assert expected in done.stderr
@@ -105,7 +102,6 @@ def test_what_is_wrong_with_a_bootloader_is_told(
         capture_output=True,
         text=True,
         check=False,
-        timeout=20,
     )
     assert done.returncode == 2
     assert done.stderr == f"nano: {path} {done.stderr.split(' ', 2)[2]}"

@@ -57,9 +57,7 @@ class Board:
         emulator = images.emulators() / self.name
         words: list[str | Path] = [emulator, "--image", image or self.image]
         words += [*self.options, *more]
-        done = subprocess.run(
-            words, capture_output=True, text=True, check=False, timeout=100
-        )
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
         assert done.returncode == code, done.stderr
         return done.stderr
 
