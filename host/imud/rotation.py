@@ -9,7 +9,7 @@ angles_deg() and matrix_rows() convert one attitude for display.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,17 +30,26 @@ GIMBAL_LOCK_RAD = 1e-5
 
 def multiply(left: FloatArray, right: FloatArray) -> FloatArray:
     """The rotation `right` followed by `left`, both seen from the world."""
-    w1, x1, y1, z1 = np.moveaxis(left, -1, 0)
-    w2, x2, y2, z2 = np.moveaxis(right, -1, 0)
-    return np.stack(
-        [
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        ],
-        axis=-1,
+    w1, x1, y1, z1 = components(left)
+    w2, x2, y2, z2 = components(right)
+    return _joined(
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
     )
+
+
+def components(rows: FloatArray) -> Any:
+    """Arrays of each component; of one row plain numbers, which are faster."""
+    is_one = rows.ndim == 1
+    return rows.tolist() if is_one else rows.transpose(-1, *range(rows.ndim - 1))
+
+
+def _joined(*parts: Any) -> FloatArray:
+    """What components() took apart."""
+    rows = np.array(parts)
+    return np.ascontiguousarray(rows.transpose(*range(1, rows.ndim), 0))
 
 
 def inverse(quat: FloatArray) -> FloatArray:
@@ -50,9 +59,14 @@ def inverse(quat: FloatArray) -> FloatArray:
 
 def rotate(quat: FloatArray, vector_body: FloatArray) -> FloatArray:
     """The vector in the world that is `vector_body` in the body."""
-    axis = quat[..., 1:]
-    twist = 2.0 * np.cross(axis, vector_body)
-    return np.asarray(vector_body + quat[..., :1] * twist + np.cross(axis, twist))
+    w, x, y, z = components(quat)
+    a, b, c = components(vector_body)
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return _joined(
+        a + w * p + (y * r - z * q),
+        b + w * q + (z * p - x * r),
+        c + w * r + (x * q - y * p),
+    )
 
 
 def beside(quat: Quat, last: Quat | None) -> Quat:
@@ -77,11 +91,10 @@ def continuous(quat: FloatArray) -> FloatArray:
 
 def from_rotation_vector(angle_rad: FloatArray) -> FloatArray:
     """A rotation about the direction of a vector, by its length in radians."""
-    half = 0.5 * np.linalg.norm(angle_rad, axis=-1, keepdims=True)
-    # np.sinc(x) is sin(pi x)/(pi x): well defined for a rotation by nothing.
-    return np.concatenate(
-        [np.cos(half), 0.5 * angle_rad * np.sinc(half / np.pi)], axis=-1
-    )
+    half = 0.5 * np.sqrt((angle_rad * angle_rad).sum(axis=-1, keepdims=True))
+    some = np.maximum(half, 1e-20)
+    sines = 0.5 * angle_rad * (np.sin(some) / some)
+    return np.concatenate([np.cos(half), sines], axis=-1)
 
 
 def to_rotation_vector(quat: FloatArray) -> FloatArray:
@@ -110,7 +123,7 @@ def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
     z-y'-x'' of east-north-up, x ahead, y to port, z up: yaw from east to north, pitch
     with x down, roll with y up. Yaw and roll in [-pi, pi), pitch in [-pi/2, pi/2].
     """
-    w, x, y, z = np.moveaxis(quat, -1, 0)
+    w, x, y, z = components(quat)
     # Of q = q_z(yaw) q_y(pitch) q_x(roll): (w - y, x + z) is sqrt(1 - sin pitch) long
     # and has the angle (yaw + roll) / 2, (w + y, z - x) is sqrt(1 + sin pitch) long and
     # has the angle (yaw - roll) / 2. Only one of them gets short near the lock.
@@ -125,22 +138,16 @@ def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
     half_difference = np.where(is_up, half_sum, half_difference)
     pitch = np.arctan2(2.0 * (w * y - z * x), sum_length * difference_length)
     pitch = np.where(is_down, np.pi / 2, np.where(is_up, -np.pi / 2, pitch))
-    return np.stack(
-        [
-            _wrapped(half_sum + half_difference),
-            pitch,
-            _wrapped(half_sum - half_difference),
-        ],
-        axis=-1,
-    )
+    yaw, roll = half_sum + half_difference, half_sum - half_difference
+    return _joined(_wrapped(yaw), pitch, _wrapped(roll))
 
 
 def to_aerospace(quat: FloatArray) -> FloatArray:
     """Yaw, pitch and roll of aircraft (ISO 1151-1), radians: of north-east-down, x
     ahead, y right, z down. Yaw from north to east, pitch with x up, roll with y down.
     """
-    yaw, pitch, roll = np.moveaxis(to_yaw_pitch_roll(quat), -1, 0)
-    return np.stack([_wrapped(np.pi / 2 - yaw), -pitch, roll], axis=-1)
+    yaw, pitch, roll = components(to_yaw_pitch_roll(quat))
+    return _joined(_wrapped(np.pi / 2 - yaw), -pitch, roll)
 
 
 def to_nectec(quat: FloatArray) -> FloatArray:
@@ -167,20 +174,17 @@ class Angles(NamedTuple):
 
 def angles_deg(quat: Sequence[float], convention: Convention) -> Angles:
     """The angles of one unit quaternion in a convention of docs/pose-details.md."""
-    yaw, pitch, roll = np.degrees(CONVERSIONS[convention](np.array(quat))).tolist()
-    return Angles(yaw, pitch, roll)
+    return Angles(*np.degrees(CONVERSIONS[convention](np.array(quat))).tolist())
 
 
 def to_matrix(quat: FloatArray) -> FloatArray:
     """The matrix whose columns are the body's axes in the world."""
-    return np.stack([rotate(quat, axis) for axis in np.eye(3)], axis=-1)
+    rows = np.array(matrix_rows(components(quat)))
+    return rows if quat.ndim == 1 else np.moveaxis(rows, (0, 1), (-2, -1))
 
 
 def matrix_rows(quat: Sequence[float]) -> tuple[Row, Row, Row]:
-    """to_matrix() of one unit quaternion: rows east, north, up; columns x, y, z.
-
-    Without arrays, which would take a hundred times as long.
-    """
+    """to_matrix() of one unit quaternion: rows east, north, up; columns x, y, z."""
     w, x, y, z = quat
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),

@@ -7,14 +7,16 @@ second, the field as well.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from imud import _core
 from imud.body import level, tracks
-from imud.body.tracks import Track
+from imud.body.tracks import BoolArray, Track
 from imud.params.trusted import known_to
 from imud.rotation import FloatArray
 from imud.wire import messages, schema
@@ -27,6 +29,7 @@ LSB_MAX = (1.23e-3, 1.96e-2, 0.1575)
 # One-sigma errors of calibrated samples: m/s2 and uT.
 ACC_SIGMA, MAG_SIGMA = 0.02, 0.3
 UNSETTLED = np.radians(10.0)  # tilt while the filter settles
+Counts = npt.NDArray[Any]
 
 
 def attitudes(
@@ -69,42 +72,43 @@ def between(at_s: FloatArray, times_s: FloatArray, rows: FloatArray) -> FloatArr
 
 def _poses(gyr: FloatArray, acc: FloatArray, field: FloatArray) -> FloatArray:
     """Attitude, tilt's and heading's sigma (deg) after each sample of FUSED_HZ."""
-    lsbs, counts = zip(
-        *(
-            _counted(rows, most)
-            for rows, most in zip((gyr, acc, field), LSB_MAX, strict=True)
-        ),
-        strict=True,
-    )
-    is_new: list[bool] = np.asarray(np.isfinite(field).all(axis=1)).tolist()
+    lsbs, counts = zip(*map(_counted, (gyr, acc, field), LSB_MAX), strict=True)
+    times_us = (np.arange(len(gyr)) * (10**6 // FUSED_HZ)).astype("<u4")
+    is_new = ~np.isnan(field[:, 0])
     replay = _core.Replay(hello(lsbs), known_to(ACC_SIGMA, MAG_SIGMA))
-    found = []
-    for index, (rate, force, reading) in enumerate(zip(*counts, strict=True)):
-        time_us = round(index * 1e6 / FUSED_HZ)
-        fields = {
-            "acc": force,
-            "gyr": rate,
-            "mag": reading if is_new[index] else None,
-            "temperature": None,
-            "sample_flags": (),
-        }
-        replay.step(messages.encode("raw", fields, index, time_us))
-        found.append(_pose(replay.pose(index, time_us)))
-    return np.array(found)
+    poses = []
+    for raw in _raws(times_us, counts, is_new):
+        replay.step(raw.tobytes())
+        poses.append(_pose(replay.pose(0, 0)))
+    return np.array(poses)
 
 
-def _counted(rows: FloatArray, lsb_max: float) -> tuple[float, list[list[int]]]:
+def _raws(times_us: Counts, counts: Sequence[Counts], is_new: BoolArray) -> Counts:
+    """The contents of raw messages, in rows; without a field that is not new."""
+    fields: dict[str, object] = {"acc": (0, 0, 0), "gyr": (0, 0, 0), "mag": None}
+    fields |= {"temperature": None, "sample_flags": ()}
+    like = np.frombuffer(messages.encode("raw", fields, 0, 0), np.uint8)
+    rows = np.tile(like, (len(times_us), 1))
+    header = messages.FIELDS_OF.start
+    rows[:, header - 4 : header] = times_us[:, None].view(np.uint8)
+    for name, values in zip(("gyr", "acc", "mag"), counts, strict=True):
+        kept = is_new if name == "mag" else slice(None)
+        rows[kept, messages.place_of("raw", name)] = values.view(np.uint8)[kept]
+    return rows
+
+
+def _counted(rows: FloatArray, lsb_max: float) -> tuple[float, Counts]:
     """The unit of a count, so that the largest value fits, and the counts."""
     largest = float(np.max(np.nan_to_num(np.abs(rows))))
     lsb = round(min(lsb_max, max(largest, 1e-2) / COUNTS_MAX), 9)
     counts = np.clip(np.rint(np.nan_to_num(rows) / lsb), -COUNTS_MAX, COUNTS_MAX)
-    return lsb, counts.astype(int).tolist()
+    return lsb, counts.astype("<i2")
 
 
 def _pose(content: bytes) -> tuple[float, ...]:
     fields: dict[str, Any] = dict(cast(Message, messages.decode(content)).fields)
     sigmas = (fields["tilt_sigma"], fields["heading_sigma"])
-    numbers = (np.nan if each is None else float(each) for each in sigmas)
+    numbers = (np.nan if each is None else each for each in sigmas)
     return (*fields["q"], *numbers)
 
 

@@ -167,8 +167,8 @@ def smoothed(
     return turns, np.sqrt(variances)
 
 
-def about_up(angle_rad: FloatArray) -> FloatArray:
+def about_up(angle_rad: FloatArray | float) -> FloatArray:
     """Quaternions that turn headings."""
-    return rotation.from_rotation_vector(
-        np.stack([np.zeros_like(angle_rad), np.zeros_like(angle_rad), angle_rad], -1)
-    )
+    turns = np.zeros((*np.shape(angle_rad), 3))
+    turns[..., 2] = angle_rad
+    return rotation.from_rotation_vector(turns)

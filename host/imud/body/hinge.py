@@ -37,7 +37,6 @@ class HingeAxis:
     parent: FloatArray
     child: FloatArray
     residual: float  # of the rates across the axis, a share of the rates
-    excitation_rad_s: float  # rms of the rate about the axis between both
     sigma_rad: float  # of either direction
 
 
@@ -48,7 +47,6 @@ class Centre:
     parent: FloatArray
     child: FloatArray
     residual: float  # of forces at the centre, a share of the force that turning adds
-    excitation_m_s2: float
     sigma_m: float
 
 
@@ -77,9 +75,6 @@ def axis(
     ]
     both = min(tried, key=lambda each: each[0])[1]
     error, _ = _across(first, second, both)
-    rate = child @ both[3:] - parent @ both[:3]
-    flipped = child @ both[3:] + parent @ both[:3]
-    excitation = float(np.sqrt(min((rate**2).mean(), (flipped**2).mean())))
     moved = float(np.sqrt((first**2).sum(axis=1).mean() + (second**2).sum(1).mean()))
     residual = float(np.sqrt((error**2).mean())) / max(moved, 1e-9)
     if moved < EXCITATION_MIN:
@@ -97,7 +92,7 @@ def axis(
     independent = max(1.0, len(parent) / rate_hz / INDEPENDENT_S)
     play = float((error**2).mean())
     sigma = math.sqrt(play / max(own, 1e-6) / independent)
-    return HingeAxis(both[:3], both[3:], residual, excitation, min(sigma, math.pi / 2))
+    return HingeAxis(both[:3], both[3:], residual, min(sigma, math.pi / 2))
 
 
 def _across(
@@ -107,7 +102,7 @@ def _across(
     errors, slopes = [], []
     for rates, axis_, sign in ((parent, both[:3], 1.0), (child, both[3:], -1.0)):
         cross = np.cross(rates, axis_)
-        size = np.maximum(np.linalg.norm(cross, axis=1), 1e-6)
+        size = np.maximum(np.sqrt((cross * cross).sum(axis=1)), 1e-6)
         errors.append(sign * size)
         slopes.append(sign * np.cross(cross, rates) / size[:, None])
     return errors[0] + errors[1], np.concatenate(slopes, axis=1)
@@ -182,7 +177,7 @@ def centre(
     independent = max(1.0, len(parent[0]) / rate_hz / INDEPENDENT_S)
     spread = np.linalg.inv(slope.T @ slope / len(error) + 1e-9 * np.eye(6))
     sigma = math.sqrt(float((error**2).mean() * np.diag(spread).max() / independent))
-    return Centre(both[:3], both[3:], residual, excitation, sigma)
+    return Centre(both[:3], both[3:], residual, sigma)
 
 
 def levers(gyr: FloatArray, rate_hz: float) -> FloatArray:

@@ -285,7 +285,7 @@ class LiveBody:
             track = history.track(times_s) if history is not None else None
             seen[segment.name] = track or tracks.nothing(times_s)
         found = posture.of(self.chain, seen, self._mounts, self._known, self._steps)
-        back = heading.about_up(np.array(-self._ahead_rad))
+        back = heading.about_up(-self._ahead_rad)
         for name, quat in found.quats.items():
             found.quats[name] = rotation.multiply(back, quat)
         histories = {

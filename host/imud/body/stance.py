@@ -31,23 +31,23 @@ class StanceDetector:
     """The energy of a foot, sample by sample, and the threshold for its gait."""
 
     def __init__(self) -> None:
-        self._window: deque[tuple[float, FloatArray, float]] = deque()
+        self._window: deque[tuple[float, FloatArray, float, float]] = deque()
         self._gait = 0.0  # mean energy
         self.energy = math.inf  # over the last WINDOW_S
         self.is_calm = False
 
     def update(self, step_s: float, gyr: FloatArray, acc: FloatArray) -> None:
         """`step_s`: since the last sample."""
-        self._window.append((step_s, acc, float(gyr @ gyr)))
+        self._window.append((step_s, acc, float(acc @ acc), float(gyr @ gyr)))
         passed_s = sum(each[0] for each in self._window)
         while passed_s > WINDOW_S * 1.05 and len(self._window) > 2:
             passed_s -= self._window.popleft()[0]
-        forces = np.array([each[1] for each in self._window])
-        up = forces.mean(axis=0)
-        up /= max(float(np.linalg.norm(up)), 1e-9)
-        off = float(((forces - GRAVITY_M_S2 * up) ** 2).sum(axis=1).mean())
-        turns = sum(each[2] for each in self._window) / len(self._window)
-        self.energy = off + TURN_M_S2**2 * turns
+        _, forces, squares, turns = zip(*self._window, strict=True)
+        # The mean square of forces less gravity along their mean.
+        up = math.hypot(*np.mean(forces, axis=0).tolist())
+        count = len(self._window)
+        off = sum(squares) / count + GRAVITY_M_S2 * (GRAVITY_M_S2 - 2.0 * up)
+        self.energy = off + TURN_M_S2**2 * sum(turns) / count
         self._gait += (self.energy - self._gait) * min(1.0, step_s / GAIT_S)
         self.is_calm = self.energy < max(CALM, SHARE * self._gait)
 

@@ -70,14 +70,16 @@ def mounted(
             rows = (found[name].times_s >= pose[0]) & (found[name].times_s < pose[1])
             turn, sigma = known[name].at_rest(found[above], found[name], rows)
             turned[name] = turned[above] + turn
-            quat = rotation.multiply(_about_up(turned[name]), quat)
+            quat = rotation.multiply(heading.about_up(turned[name]), quat)
         if name in done:
             stood[name] = rotation.multiply(quat, done[name].probe_from_segment)
             continue
         if above in stood:
             stood[name] = stood[above]
         else:
-            stood[name] = rotation.multiply(_about_up(facing_rad or 0.0), UPRIGHT)
+            stood[name] = rotation.multiply(
+                heading.about_up(facing_rad or 0.0), UPRIGHT
+            )
         mount = rotation.multiply(rotation.inverse(quat), stood[name])
         done[name] = Mount(mount, LEVEL, sigma, "pose")
     return done
@@ -146,7 +148,3 @@ def mean(track: Track, pose: Pose) -> FloatArray:
     quat = track.between(*pose).quat
     quat = quat[np.isfinite(quat[:, 0])]
     return np.asarray(np.linalg.eigh(quat.T @ quat)[1][:, -1])
-
-
-def _about_up(angle_rad: float) -> FloatArray:
-    return heading.about_up(np.array(angle_rad))

@@ -95,7 +95,7 @@ class Beyond:
     def variance(self, is_clipped: bool, change: FloatArray, step_s: float) -> float:
         """The error that a step adds, by the change since the last sample."""
         if not is_clipped:
-            self.slope = float(np.linalg.norm(change)) / max(step_s, 1e-4)
+            self.slope = _length(change) / max(step_s, 1e-4)
             self.passed_s = self.lost = 0.0
             return 0.0
         self.passed_s += step_s
@@ -147,7 +147,7 @@ class ZeroVelocity:
     @property
     def sigmas(self) -> FloatArray:
         """One-sigma errors of the place, m."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)[PLACE]))
+        return np.asarray(np.sqrt(self.covariance.diagonal()[PLACE]))
 
     def advance(
         self,
@@ -163,8 +163,8 @@ class ZeroVelocity:
         rate = rate - self.scale @ rate
         turn = rotation.from_rotation_vector(rate * step_s)
         turned = rotation.multiply(self.quat, turn)
-        axes = _matrix(turned)
-        force = _matrix(self.quat) @ (last_acc - self.push)
+        axes = rotation.to_matrix(turned)
+        force = rotation.to_matrix(self.quat) @ (last_acc - self.push)
         force = (force + axes @ (acc - self.push)) / 2.0
         pull = force.copy()
         pull[2] -= GRAVITY_M_S2
@@ -180,19 +180,16 @@ class ZeroVelocity:
         transition[ATTITUDE, SCALE] = by_scale.reshape(3, 9)
         self.place = self.place + (self.speed + pull * (step_s / 2.0)) * step_s
         self.speed = self.speed + pull * step_s
-        self.quat = turned / np.linalg.norm(turned)
+        self.quat = turned / _length(turned)
         before = self.covariance
         after = transition @ before @ transition.T
-        found = self._noise(
-            step_s, float(np.linalg.norm(pull)), float(np.linalg.norm(rate))
-        )
+        found = self._noise(step_s, _length(pull), _length(rate))
         # The force is the mean of both samples.
         is_force = clipped.force or self._was_force_clipped
         found[SPEED] += self._beyond[0].variance(is_force, acc - last_acc, step_s)
-        found[ATTITUDE] += self._beyond[1].variance(
-            clipped.rate, gyr - last_gyr, step_s
-        )
-        after[np.diag_indices(STATES)] += found
+        swung = gyr - last_gyr
+        found[ATTITUDE] += self._beyond[1].variance(clipped.rate, swung, step_s)
+        after.flat[:: STATES + 1] += found
         self._was_force_clipped = clipped.force
         after[BIAS, BIAS] += self._biased(step_s, acc) * EYE[:3, :3]
         self.covariance = after
@@ -268,7 +265,7 @@ class ZeroVelocity:
         """A foot that stands turns about where it touches the ground: the slopes of its
         speed by the states, and its difference, m/s.
         """
-        moves = _matrix(self.quat) @ skew(gyr - self.bias)
+        moves = rotation.to_matrix(self.quat) @ skew(gyr - self.bias)
         shown = EYE[SPEED].copy()
         shown[:, LEVER] = -moves
         return shown, moves @ self.lever - self.speed
@@ -314,17 +311,15 @@ def smoothed(
     changes, sigmas = np.empty((len(steps), 3)), np.empty((len(steps), 3))
     for index in range(len(steps) - 1, -1, -1):
         step = steps[index]
-        tiny = np.eye(STATES) * (1e-9 * np.trace(step.after) / STATES + 1e-15)
+        tiny = EYE * (1e-9 * np.trace(step.after) / STATES + 1e-15)
         gain = np.linalg.solve(step.after + tiny, step.transition @ step.before).T
         change = gain @ change
         covariance = step.before + gain @ (covariance - step.after) @ gain.T
         changes[index] = change[PLACE]
-        variances = np.diag(covariance)[PLACE]
+        variances = covariance.diagonal()[PLACE]
         sigmas[index] = np.sqrt(np.maximum(variances, 0.0))
     return changes, sigmas
 
 
-def _matrix(quat: FloatArray) -> FloatArray:
-    """world_from_probe of one quaternion."""
-    w, x, y, z = quat.tolist()
-    return np.array(rotation.matrix_rows((w, x, y, z)))
+def _length(vector: FloatArray) -> float:
+    return math.sqrt(float(vector @ vector))

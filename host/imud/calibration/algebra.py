@@ -13,7 +13,7 @@ MEDIAN = 1.538  # of the length of three normal variables, in their sigma
 
 def skew(vectors: FloatArray) -> FloatArray:
     """Matrices of shape (..., 3, 3) that multiply as `vectors` cross does."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
+    x, y, z = rotation.components(vectors)
     found = np.zeros((*vectors.shape, 3))
     found[..., 0, 1], found[..., 0, 2] = -z, y
     found[..., 1, 0], found[..., 1, 2] = z, -x

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imud.calibration.algebra import integrated, row_slopes, skew
+from imud.calibration.algebra import integrated, skew
 from imud.calibration.recording import IntArray, SensorRecording
 from imud.calibration.stops import StaticInterval
 from imud.rotation import FloatArray
@@ -95,20 +95,17 @@ class Turns:
     def linear(
         self, x: FloatArray, up: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The differences of gravity across turns, their derivatives by the parameters,
-        and the attitudes.
-        """
+        """The differences of gravity across turns, their slopes, and the attitudes."""
         matrix = np.eye(3) + x[:9].reshape(3, 3)
         shifted = self.shifted - x[9:]
         attitude = integrated(shifted @ matrix.T, self.step_s)
         halfway = (attitude[:-1] + attitude[1:]) / 2.0
         # A small error of the rate turns all that follows: sum R (dE y - E db) dt.
-        slopes = np.concatenate(
-            [halfway @ row_slopes(shifted), -halfway @ matrix], axis=2
-        )
-        grown = np.concatenate(
-            [np.zeros((1, 3, PARAMETERS)), np.cumsum(slopes, axis=0)]
-        )
+        slopes = np.zeros((len(attitude), 3, PARAMETERS))
+        entries = np.einsum("nij,nk->nijk", halfway, shifted)
+        slopes[1:, :, :9] = entries.reshape(-1, 3, 9)
+        slopes[1:, :, 9:] = -halfway @ matrix
+        grown = np.cumsum(slopes, axis=0)
         start, end = self.middles[self.pairs], self.middles[self.pairs + 1]
         before = np.einsum("kij,kj->ki", attitude[start], up[self.pairs])
         after = np.einsum("kij,kj->ki", attitude[end], up[self.pairs + 1])

@@ -19,9 +19,7 @@ HELLO, WELCOME, FROM_PROBE, TO_PROBE = 0x11, 0x12, 0x13, 0x14
 
 # Ethernet's 1500 bytes less the headers of IPv4 and UDP: no datagram is fragmented.
 DATAGRAM_MAX = 1472
-KEY_SIZE = 32
 NONCE_SIZE = 16
-ID_SIZE = 8
 SIGNATURE_SIZE = 16  # of the 32 bytes of HMAC-SHA256; RFC 2104 allows half
 
 _PURPOSE = b"imud"

@@ -187,14 +187,10 @@ def _examine(content: bytes) -> Message | Skew:
 
 
 def _fingerprint(content: bytes) -> int | None:
-    count, _ = _HELLO.walk(content)
-    offset = _HEADER.size
-    for field in _HELLO.fields[:count]:
-        if field.name == "schema_fingerprint":
-            value = field.unpack(content, offset + 1)
-            return value if isinstance(value, int) else None
-        offset += 1 + field.size
-    return None
+    place = place_of("hello", "schema_fingerprint")
+    if _HELLO.walk(content)[1] < place.stop:
+        return None
+    return int.from_bytes(content[place], "little")
 
 
 def _is_other_hello(codec: _Codec, content: bytes, count: int, kind: SkewKind) -> bool:
@@ -228,14 +224,9 @@ def encode(
     Raises ValueError if a field is missing, unknown, or does not fit.
     """
     codec = _BY_NAME[name]
-    unknown = fields.keys() - {field.name for field in codec.fields}
-    missing = {field.name for field in codec.fields} - fields.keys()
-    if unknown or missing:
-        raise ValueError(
-            f"{name}: unknown or missing fields {sorted(unknown | missing)}"
-        )
+    if odd := fields.keys() ^ {field.name for field in codec.fields}:
+        raise ValueError(f"{name}: unknown or missing fields {sorted(odd)}")
     parts = [_HEADER.pack(codec.id, sequence & 0xFFFFFFFF, time_us & 0xFFFFFFFF)]
     for field in codec.fields:
-        parts.append(bytes([field.tag]))
-        parts.append(field.pack(fields[field.name]))
+        parts += (bytes([field.tag]), field.pack(fields[field.name]))
     return b"".join(parts)
