@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -60,7 +61,7 @@ def test_hinges_on_foam_state_their_error():
     assert np.mean([each.stated for each in scored]) < 2.0 * errors.mean()
 
 
-def felt(turn: FloatArray, mag: FloatArray | None) -> tracks.Track:
+def felt(turn: FloatArray) -> tracks.Track:
     """What a calibrated probe feels that only turns, world_from_probe (n, 4)."""
     times_s = np.arange(len(turn)) / RATE_HZ
     step = rotation.multiply(rotation.inverse(turn[:-1]), turn[1:])
@@ -74,45 +75,14 @@ def felt(turn: FloatArray, mag: FloatArray | None) -> tracks.Track:
     back = rotation.inverse(turn)
     random = np.random.default_rng(len(turn))
     acc = rotation.rotate(back, GRAVITY) + random.normal(0.0, 0.02, gyr.shape)
-    field = np.full_like(gyr, np.nan) if mag is None else rotation.rotate(back, mag)
-    return fused.attitudes(times_s, gyr + random.normal(0, 1e-3, gyr.shape), acc, field)
+    gyr += random.normal(0.0, 1e-3, gyr.shape)
+    return fused.attitudes(times_s, gyr, acc, np.full_like(gyr, np.nan))
 
 
-def pair(leans_rad: float, mag: FloatArray | None) -> session.BodyAnalysis:
-    """Two segments with an upright hinge, which lean in the end by that angle."""
-    t = np.arange(int(40 * RATE_HZ)) / RATE_HZ
-    moves = np.clip(t - 5.0, 0.0, 1.0)
-    first = rotation.from_rotation_vector(np.outer(0.4 * np.sin(t) * moves, UP))
-    lean = leans_rad * np.clip((t - 15.0) / 5.0, 0.0, 1.0)
-    first = rotation.multiply(
-        rotation.from_rotation_vector(np.outer(lean, [1.0, 0.0, 0.0])), first
-    )
-    bend = 0.8 * np.sin(1.7 * t) * moves
-    second = rotation.multiply(first, rotation.from_rotation_vector(np.outer(bend, UP)))
-    found = {"one": felt(first, mag), "two": felt(second, mag)}
-    return session.of(chain.read(PAIR, "pair"), found)
-
-
-def test_a_zero_that_no_motion_shows_is_withheld_with_the_motion_that_would():
-    found = pair(0.0, None)
-    assert np.isnan(found.posture.angles["two"]).all()
-    assert np.isnan(found.posture.sigmas["two"]).all()
-    assert any(
-        "two: the zero of its angle is unknown: turn the whole limb until the axis "
-        "between one and two is level" in each
-        for each in found.remarks
-    )
-
-
-def test_motion_shows_the_zero_later():
-    found = pair(1.2, None)
-    assert np.isfinite(found.posture.angles["two"]).mean() > 0.9
-    assert not any("zero" in each for each in found.remarks)
-
-
+@cache
 def leaning_late(leans_rad: float) -> tuple[dict[str, tracks.Track], FloatArray]:
-    """The same pair: it rests, bends upright, rests, then leans from 25 s on while it
-    bends; and the true angle.
+    """Two segments with an upright hinge: they rest, bend upright, rest, then lean from
+    25 s on while they bend; and the true angle.
     """
     t = np.arange(int(50 * RATE_HZ)) / RATE_HZ
     moves = np.clip(t - 6.0, 0.0, 1.0) * np.clip(18.0 - t, 0.0, 1.0)
@@ -124,7 +94,28 @@ def leaning_late(leans_rad: float) -> tuple[dict[str, tracks.Track], FloatArray]
     )
     bend = 0.8 * np.sin(1.7 * t) * moves
     second = rotation.multiply(first, rotation.from_rotation_vector(np.outer(bend, UP)))
-    return {"one": felt(first, None), "two": felt(second, None)}, bend
+    return {"one": felt(first), "two": felt(second)}, bend
+
+
+def analysed(found: dict[str, tracks.Track]) -> session.BodyAnalysis:
+    return session.of(chain.read(PAIR, "pair"), found)
+
+
+def test_a_zero_that_no_motion_shows_is_withheld_with_the_motion_that_would():
+    found = analysed(leaning_late(0.0)[0])
+    assert np.isnan(found.posture.angles["two"]).all()
+    assert np.isnan(found.posture.sigmas["two"]).all()
+    assert any(
+        "two: the zero of its angle is unknown: turn the whole limb until the axis "
+        "between one and two is level" in each
+        for each in found.remarks
+    )
+
+
+def test_motion_shows_the_zero_later():
+    found = analysed(leaning_late(1.2)[0])
+    assert np.isfinite(found.posture.angles["two"]).mean() > 0.9
+    assert not any("zero" in each for each in found.remarks)
 
 
 def restarted(found: dict[str, tracks.Track]) -> dict[str, tracks.Track]:
@@ -181,8 +172,7 @@ def test_a_live_zero_is_withheld_until_motion_shows_it_and_right_from_then_on():
 
 
 def test_no_motion_after_a_restart_shows_the_zero_before_it():
-    found = restarted(leaning_late(1.2)[0])
-    posed = session.of(chain.read(PAIR, "pair"), found).posture
+    posed = analysed(restarted(leaning_late(1.2)[0])).posture
     assert np.isnan(posed.angles["two"]).all()
 
 
