@@ -126,16 +126,15 @@ def tables(folder: Path) -> Iterator[Path]:
         path = folder / f"{name}.csv"
         path.write_text(header + rows)
         yield path
-    for name, shape, size in (
-        ("shape", (1 << 40, 3), 1000),
-        ("zeros", (GIB // 96, 3), GIB // 4),
-    ):
+    for name, count, mib in (("shape", 1 << 40, 1), ("zeros", GIB // 96, 256)):
         path = folder / f"{name}.npz"
-        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:
-            with file.open("gyr.npy", "w", force_zip64=True) as array:
-                array.write(_array_head(shape))
-                for _ in range(0, size, 1 << 20):
-                    array.write(bytes(min(size, 1 << 20)))
+        with (
+            zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
+            file.open("gyr.npy", "w", force_zip64=True) as array,
+        ):
+            array.write(_array_head((count, 3)))
+            for _ in range(mib):
+                array.write(bytes(MIB))
         yield path
 
 
