@@ -14,6 +14,7 @@ example: make mutate ROOM=math SEED=7 COUNT=20
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.util
 import json
 import os
@@ -59,14 +60,15 @@ HOST_TESTS = {
     "params": ("tests/host/params", "tests/host/cli/test_params.py"),
 }
 
-# A change may make a loop endless.
-PATIENCE_S = 240.0
+# A change may make a loop endless: so many times as long as without a change, and so
+# many seconds more, in which programs start.
+PATIENCE, START_S = 5.0, 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
     mutation: Mutation
-    what: str  # noticed, unnoticed, equivalent, or that it does not compile
+    what: str  # one of _WORDS
     seconds: float
 
 
@@ -117,20 +119,21 @@ def main() -> None:
 def _tell(room: str, verdicts: Sequence[Verdict]) -> int:
     """The score, and each change that no test notices; the exit code."""
     by = {what: sum(v.what == what for v in verdicts) for what in _WORDS}
-    missed = [v.mutation for v in verdicts if v.what == "unnoticed"]
+    missed = [v.mutation for v in verdicts if v.what in ("unnoticed", "endless")]
     for change in missed:
         sys.stdout.write(
             f"{change.path}:{change.line}\n  - {change.before}\n  + {change.after}\n"
         )
-    tried = by["noticed"] + by["unnoticed"]
+    tried = by["noticed"] + len(missed)
     sys.stdout.write(
-        f"{room}: {by['noticed']} of {tried} noticed; "
+        f"{room}: {by['noticed']} of {tried} noticed, {by['endless']} took "
+        f"{PATIENCE:g} times as long and were ended; "
         f"{by['equivalent']} change nothing, {by['not compiled']} do not compile\n"
     )
     return 1 if missed else 0
 
 
-_WORDS = ("noticed", "unnoticed", "equivalent", "not compiled")
+_WORDS = ("noticed", "unnoticed", "endless", "equivalent", "not compiled")
 
 
 def _sites(room: str, name: str | None) -> Iterator[Mutation]:
@@ -156,15 +159,23 @@ def _judge(
         return Verdict(change, "equivalent", 0.0)
     target = tree / change.path
     source = target.read_text("utf-8")
+    runs = _runs_of(tree, change, counted)
+    # Before the change: what these tests take without it.
+    limits_s = [PATIENCE * _usual_s(tree, *run) + START_S for run in runs]
     target.write_text(change.apply(source), "utf-8")
     try:
-        what = _try(tree, change, counted)
+        what = _try(tree, runs, limits_s)
     finally:
         target.write_text(source, "utf-8")
     return Verdict(change, what, time.monotonic() - begin)
 
 
-def _try(tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]]) -> str:
+Run = tuple[Sequence[str], dict[str, str]]  # tests, and their environment
+
+
+def _runs_of(
+    tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]]
+) -> list[Run]:
     groups = list(_tests_of(change, counted))
     # The host's own C is not built again for each change of the firmware.
     is_host = change.path.is_relative_to(HOST)
@@ -173,10 +184,29 @@ def _try(tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]])
     if not is_host and groups:
         # What reaches beyond an array shows in `make test`, under this sanitizer.
         runs.append((groups[0], sanitizer.environment()))
-    for tests, environment in runs:
-        code, text = _run(tree, tests, **environment)
+    return runs
+
+
+def _usual_s(tree: Path, tests: Sequence[str], environment: dict[str, str]) -> float:
+    """The seconds of these tests without a change, by the first who asks."""
+    key = (*tests, *environment)
+    if key not in _known_s:
+        begin = time.monotonic()
+        _run(tree, tests, None, **environment)
+        _known_s[key] = time.monotonic() - begin
+    return _known_s[key]
+
+
+_known_s: dict[tuple[str, ...], float] = {}
+
+
+def _try(tree: Path, runs: Sequence[Run], limits_s: Sequence[float]) -> str:
+    for (tests, environment), limit_s in zip(runs, limits_s, strict=True):
+        code, text = _run(tree, tests, limit_s, **environment)
         if "NativeBuildError" in text or "SyntaxError" in text:
             return "not compiled"
+        if code is None:
+            return "endless"
         if code != 0:
             return "noticed"
     return "unnoticed"
@@ -207,8 +237,10 @@ def _tests_of(
             yield group
 
 
-def _run(tree: Path, tests: Sequence[str], **environment: str) -> tuple[int, str]:
-    """Exit code and output of the tests; what takes too long has noticed something."""
+def _run(
+    tree: Path, tests: Sequence[str], limit_s: float | None, **environment: str
+) -> tuple[int | None, str]:
+    """Exit code and output of the tests; no code if they were ended at the limit."""
     words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:xdist", *tests]
     process = subprocess.Popen(
         [*words, "-p", "no:cacheprovider"],
@@ -221,11 +253,11 @@ def _run(tree: Path, tests: Sequence[str], **environment: str) -> tuple[int, str
         start_new_session=True,
     )
     try:
-        text, _ = process.communicate(timeout=PATIENCE_S)
+        text, _ = process.communicate(timeout=limit_s)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        return -1, ""
+        return None, ""
     return process.returncode, text
 
 
@@ -264,8 +296,11 @@ def _counted() -> dict[str, dict[str, list[int]]]:
     )
     known = json.loads(COUNTED.read_text()) if COUNTED.exists() else {}
     tree = _tree(0)
+    sources = b"".join(
+        path.read_bytes() for path in sorted((ROOT / CORE).rglob("*.[ch]"))
+    )
     for number, test in enumerate(tests):
-        stamp = (ROOT / test).stat().st_mtime_ns
+        stamp = hashlib.sha256(sources + (ROOT / test).read_bytes()).hexdigest()
         if known.get(test, {}).get("stamp") == stamp:
             continue
         if sys.stderr.isatty():
@@ -279,7 +314,7 @@ def _lines_of(tree: Path, test: str) -> dict[str, list[int]]:
     cache = tree / "build" / "native"
     for path in cache.glob("*.gcda"):
         path.unlink()
-    _run(tree, [test], IMU_COVERAGE="1", IMU_SAMPLE="1")
+    _run(tree, [test], None, IMU_COVERAGE="1", IMU_SAMPLE="1")
     out = subprocess.run(
         ["gcov", "--json-format", "--stdout", *map(str, cache.glob("*.gcda"))],
         cwd=tree,
