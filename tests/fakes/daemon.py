@@ -21,7 +21,10 @@ from typing import Any, Self
 from fakes.port import Port
 from fakes.probe import FakeProbe
 from fakes.stopwatch import Stopwatch
-from imud.client import Client
+from imud.client import Client, client
+
+# What is asked of a daemon on a busy machine is answered, but not soon.
+client.QUERY_TIMEOUT_S = client.COMMAND_TIMEOUT_S = 60.0
 
 # Bound, but not listening: a daemon, which sets SO_REUSEADDR, can still bind the port,
 # while the system assigns it to nobody else (socket(7)).

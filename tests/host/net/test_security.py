@@ -21,7 +21,7 @@ import zenoh.ext
 import imud
 from guarded import PROBE, WHILE_S, Guarded, received_on
 from imud import cli
-from imud.client import Client
+from imud.client import Client, client
 from imud.errors import NoReply, NotAllowed
 from imud.net import network
 from imud.roles import Role
@@ -107,8 +107,9 @@ def keys_of(guarded: Guarded, user: str) -> Path:
 
 @pytest.mark.parametrize("user", ["viewer", "recorder"])
 def test_a_viewer_that_commands_is_not_heard(
-    guarded: Guarded, user: Role, tmp_path: Path
+    guarded: Guarded, user: Role, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(client, "COMMAND_TIMEOUT_S", 1.0)  # denied: no answer
     before = len(guarded.probe.commands)
     path = keys_of(guarded, user)
     with Client(guarded.endpoint, keys=path) as mine:
