@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import io
 import os
+import resource
 import struct
 import subprocess
 import sys
-import threading
-import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -32,12 +31,11 @@ from imud.log.writer import MAGIC
 MIB = 1 << 20
 MORE_MIB = 64
 SOON_S = 20.0
-KILL_S = 30.0
+KILL_S = 30
 
 
 def run(words: Sequence[str], folder: Path) -> tuple[int, str, float, float]:
-    """Exit code, stderr, resident memory in MiB and seconds of a command."""
-    begin = time.monotonic()
+    """Exit code, stderr, resident memory in MiB and processor seconds of a command."""
     with (folder / "err").open("w+") as err:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imud", *words],
@@ -46,14 +44,12 @@ def run(words: Sequence[str], folder: Path) -> tuple[int, str, float, float]:
             stderr=err,
             cwd=folder,
         )
-        killing = threading.Timer(KILL_S, process.kill)
-        killing.start()
+        resource.prlimit(process.pid, resource.RLIMIT_CPU, (KILL_S, KILL_S))
         _, status, usage = os.wait4(process.pid, 0)
-        killing.cancel()
         process.returncode = os.waitstatus_to_exitcode(status)
         err.seek(0)
         text = err.read()
-    seconds = time.monotonic() - begin
+    seconds = usage.ru_utime + usage.ru_stime
     return process.returncode, text, usage.ru_maxrss / 1024, seconds
 
 
