@@ -33,7 +33,7 @@ SIGNS = np.array([1.0, -1.0, 1.0])
 
 @cache
 def walked() -> tuple[made_gait.Walk, Track]:
-    """A walk, and its track, for all facts that any walk shows."""
+    """A walk and track for all facts."""
     walk = made_gait.made(GAITS["walk"], 9, 33)
     return walk, track_of(walk)
 

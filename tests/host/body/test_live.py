@@ -20,7 +20,7 @@ from imud.virtual.leg_probes import RATE_HZ
 
 UTC_S = 1.7e9
 EVERY = 20  # records of the leg in a pose: 50 a second
-STATE_HZ = 25
+STATE_HZ = 12.5
 GUIDED_HZ = 4  # states a second that a test skips through
 WALKED = leg.Manner(walk_s=9.0, squats=2, raises=2)
 SIGMAS = math.radians(1.0), math.radians(20.0)
@@ -133,7 +133,7 @@ def test_angles_are_those_of_the_leg_within_what_is_stated():
             off.append(knee.angles_deg["flexion"] - truth)
             assert knee.sigmas_deg is not None
             sigmas.append(knee.sigmas_deg["flexion"])
-    assert len(off) > 100
+    assert len(off) > 80
     assert np.sqrt(np.mean(np.square(off))) < 4.0
     assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.85
 
@@ -225,7 +225,7 @@ def test_a_probe_that_restarted_has_right_angles_at_once(name: str):
             off.append(np.subtract([*knee.angles_deg.values()], truth))
             assert knee.sigmas_deg is not None
             sigmas.append([*knee.sigmas_deg.values()])
-    assert len(off) > 30
+    assert len(off) > 20
     assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.85
 
 

@@ -74,12 +74,13 @@ def test_a_hand_that_obeys_is_done_within_a_minute_with_its_housing() -> None:
     assert poses == list(range(1, 13))
 
 
-def test_scores_fall_and_the_words_follow() -> None:
+def test_scores_fall_and_words_and_sure_params_follow() -> None:
     procedure = Procedure(SCALE, wants_housing=False)
     assert procedure.status().instruction == "Lay it base down and let go."
-    instructions, tilts = [], []
+    instructions, tilts, events = [], [], list[Event]()
     for each in twelve():
-        if procedure.feed(each):
+        if found := procedure.feed(each):
+            events += found
             status = procedure.status()
             instructions.append(status.instruction)
             if status.tilt_deg is not None:
@@ -90,6 +91,21 @@ def test_scores_fall_and_the_words_follow() -> None:
     assert tilts[-1] < 0.1
     assert procedure.is_over
     assert procedure.feed(Sample(10**9, (0, 0, 0), (0, 0, 0))) == []
+    done = events[-1]
+    assert isinstance(done, Finished)
+    params = result_of_fit(done.fit, SCALE, Params()).params
+    assert params.faults() == []
+    assert params.acc is not None
+    assert params.gyr is not None
+    assert params.mag is not None
+    assert 0.002 < (params.acc.sigma or 0.0) < 0.02
+    assert 0.0001 <= (params.gyr.sigma or 0.0) < 0.002
+    assert 0.01 < (params.mag.sigma or 0.0) < 0.3
+    assert params.mag.norm_ut == pytest.approx(48.0, rel=0.1)
+    assert params.mag.method == "guided"
+    only = result_of_fit(done.fit, SCALE, Params(), sensors=("gyr",)).params
+    assert only.acc is None
+    assert only.gyr == params.gyr
 
 
 def test_moving_too_early_is_reported() -> None:
@@ -228,25 +244,6 @@ def test_the_housing_needs_base_down_and_half_a_turn() -> None:
     assert again.housing_deg is None
     assert again.params.acc is not None
     assert np.allclose(again.params.acc.matrix, found.params.acc.matrix, atol=2e-4)
-
-
-def test_params_say_how_sure_they_are() -> None:
-    procedure = Procedure(SCALE, wants_housing=False)
-    done = fed(procedure, twelve())[-1]
-    assert isinstance(done, Finished)
-    params = result_of_fit(done.fit, SCALE, Params()).params
-    assert params.faults() == []
-    assert params.acc is not None
-    assert params.gyr is not None
-    assert params.mag is not None
-    assert 0.002 < (params.acc.sigma or 0.0) < 0.02
-    assert 0.0001 <= (params.gyr.sigma or 0.0) < 0.002
-    assert 0.01 < (params.mag.sigma or 0.0) < 0.3
-    assert params.mag.norm_ut == pytest.approx(48.0, rel=0.1)
-    assert params.mag.method == "guided"
-    only = result_of_fit(done.fit, SCALE, Params(), sensors=("gyr",)).params
-    assert only.acc is None
-    assert only.gyr == params.gyr
 
 
 def test_a_follower_begins_again_when_it_is_done() -> None:

@@ -30,6 +30,7 @@ from imud.virtual.motion import Motion, join
 from imud.virtual.motions.module import Module
 from imud.virtual.sensors import NO_ERRORS, stream
 from imud.virtual.turning import AXES, EACH_S, MOVE_S, TurningHand
+from length import choose
 
 SALT = 0x7412
 RATE_HZ = 400.0
@@ -113,8 +114,9 @@ def table(
     return {row.name: row for row in found_rows}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hand", AXES)
-@pytest.mark.parametrize("seed", [900, 902])
+@pytest.mark.parametrize("seed", choose(everyday=[900], long=[900, 902]))
 def test_a_calibrated_module_is_good_and_another_modules_params_are_found(
     seed: int, hand: str
 ) -> None:
