@@ -11,8 +11,8 @@ struct follow {
     struct machine *machine;
 };
 
-// Starts reporting; the image has to be loaded and the profile to have its parts. The
-// machine runs slower then, but the same to the cycle.
+// Starts reporting; the image has to be loaded. The machine runs slower then, but the
+// same to the cycle.
 void follow_begin(struct follow *follow);
 struct profile_time follow_time(const struct machine *machine);
 

@@ -16,7 +16,7 @@
 #endif
 
 static const char usage_text[] =
-    "usage: nano" RUN_OPTIONS "            [--profile FILE [--parts FILE]]"
+    "usage: nano" RUN_OPTIONS "            [--profile FILE]"
     " [--bootloader FILE.hex]\n"
     "            [--sensor mpu9250|lsm6dsox] [--ready wire|none]\n"
     "       nano --self-test [--without NAME]\n"

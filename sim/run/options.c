@@ -82,17 +82,11 @@ static bool set_path(const struct run_path *paths, const char *name,
 static const char *set_option(struct run *run, const char *name, const char *value) {
     struct run_options *options = &run->options;
     const struct run_path paths[] = {
-        {"--image", &options->image},
-        {"--motion", &options->motion},
-        {"--pty", &options->pty},
-        {"--record", &options->record},
-        {"--summary", &options->summary},
-        {"--eeprom", &options->memory},
-        {"--faults", &options->faults},
-        {"--profile", &options->profile},
-        {"--parts", &options->parts},
-        {"--now", &options->now},
-        {NULL, NULL},
+        {"--image", &options->image},     {"--motion", &options->motion},
+        {"--pty", &options->pty},         {"--record", &options->record},
+        {"--summary", &options->summary}, {"--eeprom", &options->memory},
+        {"--faults", &options->faults},   {"--profile", &options->profile},
+        {"--now", &options->now},         {NULL, NULL},
     };
     if (set_path(paths, name, value) || set_path(run->board->paths, name, value)) {
         return NULL;
@@ -189,8 +183,5 @@ int run_parse_options(struct run *run, char **rest) {
         return 1 + run_usage(run, "--reset-on-open needs --pty", NULL);
     }
     const char *problem = board->check == NULL ? NULL : board->check(run->self);
-    if (problem == NULL && options->parts != NULL && options->profile == NULL) {
-        problem = "--parts needs --profile";
-    }
     return problem == NULL ? 0 : 1 + run_usage(run, problem, NULL);
 }

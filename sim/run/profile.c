@@ -11,9 +11,7 @@
 
 enum {
     NAMES_MAX = 1024,
-    DEPTH_MAX = 64,   // frames; the deepest of the images here is 12
-    PART_CALLER = 0,  // belongs to the part that called
-    PART_REST = 1,    // belongs to no part
+    DEPTH_MAX = 64,  // frames; the deepest of the images here is 12
 };
 
 // Cycles of one name.
@@ -37,9 +35,9 @@ struct frame {
 
 struct profile {
     uint32_t start, count;  // of the code: address of a byte, instructions at most
-    struct names functions, parts;
-    uint16_t *function_at, *part_at;  // by place; one more for all places elsewhere
-    struct tally self[NAMES_MAX], inclusive[NAMES_MAX], part[NAMES_MAX], total;
+    struct names functions;
+    uint16_t *function_at;  // by place; one more for all places elsewhere
+    struct tally self[NAMES_MAX], inclusive[NAMES_MAX], total;
     struct {
         uint64_t calls, cycles, worst;
     } interrupts[NAMES_MAX];  // by function
@@ -49,10 +47,9 @@ struct profile {
     unsigned depth;
     uint64_t lost;  // calls deeper than that
 
-    // Cycles not yet attributed; all belong to this function and part, under this
-    // stack.
+    // Cycles not yet attributed; all belong to this function, under this stack.
     uint64_t pending;
-    uint16_t function_now, part_now;
+    uint16_t function_now;
     uint64_t seen_cycle, seen_asleep;
     bool is_working;
     uint64_t samples;
@@ -126,10 +123,6 @@ static uint16_t function_of(const struct profile *profile, uint32_t address) {
     return profile->function_at[place_of(profile, address)];
 }
 
-static uint16_t part_at(const struct profile *profile, uint32_t address) {
-    return profile->part_at[place_of(profile, address)];
-}
-
 // Attribution
 
 static void add(const struct profile *profile, struct tally *tally) {
@@ -147,23 +140,6 @@ static void add_once(struct profile *profile, uint16_t function) {
     }
 }
 
-// The part of the innermost code on the stack that has one, searched up to the handler
-// of the current interrupt.
-static uint16_t part_of(const struct profile *profile) {
-    uint16_t part = profile->part_now;
-    for (unsigned i = profile->depth; part == PART_CALLER && i-- > 0;) {
-        const struct frame *frame = &profile->stack[i];
-        part = part_at(profile, frame->call.entry);
-        if (part == PART_CALLER) {
-            if (frame->is_interrupt) {
-                break;
-            }
-            part = part_at(profile, frame->call.from);
-        }
-    }
-    return part == PART_CALLER ? PART_REST : part;
-}
-
 static void settle(struct profile *profile) {
     if (profile->pending == 0) {
         return;
@@ -171,7 +147,6 @@ static void settle(struct profile *profile) {
     profile->stamp_now++;
     add(profile, &profile->total);
     add(profile, &profile->self[profile->function_now]);
-    add(profile, &profile->part[part_of(profile)]);
     add_once(profile, profile->function_now);
     for (unsigned i = profile->depth; i-- > 0;) {
         struct frame *frame = &profile->stack[i];
@@ -194,11 +169,9 @@ static void take_cycles(struct profile *profile, struct profile_time now) {
 
 static void enter(struct profile *profile, uint32_t address) {
     const uint16_t function = function_of(profile, address);
-    const uint16_t part = part_at(profile, address);
-    if (function != profile->function_now || part != profile->part_now) {
+    if (function != profile->function_now) {
         settle(profile);
         profile->function_now = function;
-        profile->part_now = part;
     }
 }
 
@@ -297,9 +270,6 @@ static void close_sample(struct profile *profile, bool is_sample) {
         close_tally(&profile->self[i], is_sample, is_worst);
         close_tally(&profile->inclusive[i], is_sample, is_worst);
     }
-    for (int i = 0; i < profile->parts.count; i++) {
-        close_tally(&profile->part[i], is_sample, is_worst);
-    }
 }
 
 // Called during the store that marks, before its cycles are reported: those of the
@@ -327,36 +297,10 @@ void profile_reset(struct profile *profile, struct profile_time now) {
 
 // Life
 
-bool profile_read_parts(struct profile *profile, const char *path) {
-    FILE *file = fopen(path, "r");
-    if (file == NULL) {
-        return false;
-    }
-    unsigned start = 0;
-    unsigned end = 0;
-    char name[SYMBOL_NAME_SIZE];
-    int fields;
-    bool is_good = true;
-    while (is_good && (fields = fscanf(file, "%x %x %63s", &start, &end, name)) == 3) {
-        const int part =
-            strcmp(name, "-") == 0 ? PART_CALLER : find_name(&profile->parts, name);
-        const uint32_t last = profile->start + 2 * profile->count;
-        is_good = part >= 0 && profile->start <= start && start <= end && end <= last;
-        const uint32_t from = (start - profile->start) / 2;
-        for (uint32_t at = 0; is_good && at < (end - start) / 2; at++) {
-            profile->part_at[from + at] = (uint16_t)part;
-        }
-    }
-    is_good = is_good && fields == EOF && ferror(file) == 0;
-    (void)fclose(file);
-    return is_good;
-}
-
 void profile_same(struct profile *profile, uint32_t address, uint32_t as) {
     const uint32_t place = place_of(profile, address);
     if (place < profile->count) {
         profile->function_at[place] = function_of(profile, as);
-        profile->part_at[place] = part_at(profile, as);
     }
 }
 
@@ -368,16 +312,9 @@ struct profile *profile_new(const char *image, uint32_t start, uint32_t size) {
     profile->start = start;
     profile->count = size / 2;
     profile->function_at = calloc(profile->count + 1, sizeof *profile->function_at);
-    profile->part_at = calloc(profile->count + 1, sizeof *profile->part_at);
-    (void)find_name(&profile->parts, "-");
-    (void)find_name(&profile->parts, "rest");
-    if (profile->function_at == NULL || profile->part_at == NULL ||
-        !name_functions(profile, image)) {
+    if (profile->function_at == NULL || !name_functions(profile, image)) {
         profile_free(profile);
         return NULL;
-    }
-    for (uint32_t i = 0; i <= profile->count; i++) {
-        profile->part_at[i] = PART_REST;
     }
     return profile;
 }
@@ -385,7 +322,6 @@ struct profile *profile_new(const char *image, uint32_t start, uint32_t size) {
 void profile_free(struct profile *profile) {
     if (profile != NULL) {
         free(profile->function_at);
-        free(profile->part_at);
         free(profile);
     }
 }
@@ -445,18 +381,8 @@ bool profile_write(struct profile *profile, const char *path) {
                   ",\n  \"asleep\": %" PRIu64 ",\n  \"lost_calls\": %" PRIu64 ",\n  ",
                   profile->samples, profile->seen_cycle, profile->seen_asleep,
                   profile->lost);
-    write_tally(file, "total", &profile->total, ",\n  \"parts\": {");
+    write_tally(file, "total", &profile->total, ",\n  \"functions\": {");
     const char *between = "\n    ";
-    for (int i = 0; i < profile->parts.count; i++) {
-        const struct tally *part = &profile->part[i];
-        if (part->in_samples + part->outside > 0) {
-            (void)fputs(between, file);
-            write_tally(file, profile->parts.text[i], part, "");
-            between = ",\n    ";
-        }
-    }
-    (void)fputs("\n  },\n  \"functions\": {", file);
-    between = "\n    ";
     for (int i = 0; i < profile->functions.count; i++) {
         const struct tally *all = &profile->inclusive[i];
         if (all->in_samples + all->outside > 0) {

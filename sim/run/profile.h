@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: MIT
-// Attributes each cycle to a function of the image, to a part and to an interrupt,
-// sample by sample. A sample is what the firmware marks, as in the summary.
+// Attributes each cycle to a function of the image and to an interrupt, sample by
+// sample. A sample is what the firmware marks, as in the summary.
 //
 // Calls, returns and interrupts, reported by the emulator of the processor, are
-// followed on a stack of our own. A part is a set of addresses; code that belongs to
-// none, such as shared arithmetic, counts for the part that called it. An interrupt
-// counts for itself alone, never for what it interrupted.
+// followed on a stack of our own. An interrupt counts for itself alone, never for what
+// it interrupted.
 #ifndef SIM_RUN_PROFILE_H
 #define SIM_RUN_PROFILE_H
 
@@ -30,12 +29,7 @@ struct profile_call {
 struct profile *profile_new(const char *image, uint32_t start, uint32_t size);
 void profile_free(struct profile *profile);
 
-// Reads the parts from a text file with lines `START END PART`: byte addresses of code
-// in hexadecimal, END not included; the part `-` is that of the caller. Code in no line
-// belongs to the part `rest`. False where the file can't be read.
-bool profile_read_parts(struct profile *profile, const char *path);
-
-// Assigns the instruction at an address to the function and part of another.
+// Assigns the instruction at an address to the function of another.
 void profile_same(struct profile *profile, uint32_t address, uint32_t as);
 
 // The instruction at that address has been executed; if it was a call or a return, that

@@ -128,7 +128,7 @@ struct run_event {
 
 struct run_options {
     const char *image, *motion, *pty, *record, *summary, *memory, *faults;
-    const char *profile, *parts;
+    const char *profile;
     const char *now;  // the run's time is kept here; see run_main()
     bool is_fast;
     bool resets_on_open;        // the cable's opening resets the board, as an Arduino's

@@ -24,8 +24,7 @@ _FILES = {
     "faults": "faults to inject, and when (JSON)",
     "eeprom": "file with the contents of its {memory}, kept between runs",
     "summary": "write the figures of the run as JSON",
-    "profile": "write the CPU cycles of each function and part as JSON",
-    "parts": "parts for --profile: lines START END PART, flash addresses",
+    "profile": "write the CPU cycles of each function as JSON",
     "card": "image of the SD card in its slot, created by imud card prepare",
     "radio": "put an RN-41 Bluetooth module, with its settings in FILE, between probe "
     "and wire",
@@ -245,8 +244,6 @@ def _run(args: argparse.Namespace) -> int:
         )
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")
-    if getattr(args, "parts", None) and not args.profile:
-        args.parser.error("--parts needs --profile")
     if args.probe and not args.motion:
         args.parser.error("--probe names one of --motion LOG")
     if getattr(args, "sensor", None):

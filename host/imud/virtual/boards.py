@@ -74,7 +74,7 @@ NANO = VirtualBoard(
     packaged="nano-fuse.elf",
     image_variable="IMUD_IMAGE",
     simulator_variable="IMUD_SIM",
-    files=("faults", "eeprom", "summary", "profile", "parts"),
+    files=("faults", "eeprom", "summary", "profile"),
     has_battery=False,
     others=(
         OtherSensor(LSM6DSOX, PAIR, 208, Path(".pio/build/nano_lsm6dsox/firmware.elf")),
@@ -102,7 +102,7 @@ F405 = VirtualBoard(
     packaged="f405.elf",
     image_variable="IMUD_IMAGE_F405",
     simulator_variable="IMUD_SIM_F405",
-    files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
+    files=("faults", "eeprom", "summary", "profile", "card", "radio"),
     has_battery=True,
 )
 MICROPYTHON = replace(

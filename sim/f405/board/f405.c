@@ -13,8 +13,7 @@
 static const char usage_text[] =
     "usage: f405" RUN_OPTIONS
     "            [--card FILE [--card-kind KIND]] [--radio FILE] [--battery MV]\n"
-    "            [--crystal MHZ] [--hsi MHZ]\n"
-    "            [--profile FILE [--parts FILE]]\n"
+    "            [--crystal MHZ] [--hsi MHZ] [--profile FILE]\n"
     "       f405 --version\n"
     "--eeprom is what survives power: all of flash, over which the image is put\n"
     "--card is what is on an SD card, --card-kind sdsc or sdhc where its size does "

@@ -174,7 +174,6 @@ NO_SENSE = [
     ["--hand", "nobody"],
     ["--hand", "calibrate", "--motion", "a.npz"],
     ["--module", "shop", "--save-motion", "a.npz", "--seconds", "1"],
-    ["--parts", "parts"],
 ]
 # Of what a board does not have.
 NOT_THERE = [

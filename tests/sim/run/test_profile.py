@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import subprocess
 import tempfile
 from dataclasses import dataclass
@@ -28,17 +29,14 @@ class Board:
     """A virtual board with its program, and what the program's cycles are."""
 
     name: str
-    tools: str  # what the names of the compiler's tools begin with
     code: int  # the emulator's exit code
     options: tuple[str, ...]
-    whole: str  # addresses of the flash
-    main: tuple[str, ...]
+    main: str
     tick: str  # the handler of the interrupt
     shared: tuple[int, int]  # cycles of shared(), with its call
     first: tuple[int, int]  # of first() without it
     second: tuple[int, int]
     ticks: tuple[int, int]  # how many interrupts
-    outside: tuple[str, ...]  # parts that are not within the flash
 
     @functools.cached_property
     def image(self) -> Path:
@@ -61,51 +59,30 @@ class Board:
         assert done.returncode == code, done.stderr
         return done.stderr
 
-    def symbols(self) -> dict[str, tuple[int, int]]:
-        """The addresses at which each function starts and ends."""
-        words: list[str | Path] = [f"{self.tools}-nm", "-S", self.image]
-        output = subprocess.run(words, capture_output=True, text=True, check=True)
-        rows = [line.split() for line in output.stdout.splitlines()]
-        return {
-            row[3]: (int(row[0], 16), int(row[0], 16) + int(row[1], 16))
-            for row in rows
-            if len(row) == 4
-        }
-
     @functools.cached_property
     def profiled(self) -> Any:
         """The profile of a run."""
-        where = self.symbols()
-        parts = {"first": "one", "second": "two", "shared": "-", self.tick: "tick"}
-        parts |= dict.fromkeys(self.main, "main")
-        rows = [
-            f"{where[function][0]:x} {where[function][1]:x} {part}"
-            for function, part in parts.items()
-        ]
         with tempfile.TemporaryDirectory() as folder:
-            given, out = Path(folder) / "parts", Path(folder) / "profile.json"
-            given.write_text("\n".join([f"{self.whole} -", *rows]) + "\n")
-            self.run("--profile", out, "--parts", given)
+            out = Path(folder) / "profile.json"
+            self.run("--profile", out)
             return json.loads(out.read_text())
 
 
 NANO = Board(
-    *("nano", "avr", 0, ("--seconds", "0.1", "--fast"), "0 8000", ("main",)),
+    *("nano", 0, ("--seconds", "0.1", "--fast"), "main"),
     tick="__vector_14",
     shared=(300, 320),
     first=(1000, 1150),  # with a call, a return and a few saved registers
     second=(500, 510),
     ticks=(99, 100),  # one a millisecond for 0.1 s
-    outside=("0 8002 part",),
 )
 F405 = Board(
-    *("f405", "arm-none-eabi", 1, ("--fast",), "8000000 8100000", ("program", "reset")),
+    *("f405", 1, ("--fast",), "program"),
     tick="on_tick",
     shared=(302, 302),  # instructions, with its return
     first=(1003, 1059),  # two times 501, a call, a return, the copies of four words
     second=(501, 504),
     ticks=(2 * SAMPLES + 1, 1000),
-    outside=("8000000 8100002 part", "0 2 part"),
 )
 BOARDS = {"nano": NANO, "f405": F405}
 
@@ -121,10 +98,9 @@ def profile(board: Board) -> Any:
 
 
 @pytest.mark.parametrize("kind", ["cycles", "in_worst", "outside"])
-def test_parts_and_functions_add_up_to_the_total(profile: Any, kind: str) -> None:
+def test_functions_add_up_to_the_total(profile: Any, kind: str) -> None:
     total = profile["total"]["worst" if kind == "in_worst" else kind]
     assert total > 0
-    assert sum(part[kind] for part in profile["parts"].values()) == total
     functions = profile["functions"].values()
     assert sum(function["self"][kind] for function in functions) == total
 
@@ -156,19 +132,9 @@ def test_a_busy_function_is_found_with_its_cycles(board: Board, profile: Any) ->
         inside = functions[name]["inclusive"]["cycles"] - alone
         low, high = (times * cycles for cycles in board.shared)
         assert low <= inside / calls <= high
-    whole = functions[board.main[0]]["inclusive"]["cycles"]
+    whole = functions[board.main]["inclusive"]["cycles"]
     ticks = functions[board.tick]["inclusive"]["cycles"]
     assert whole + ticks == profile["total"]["cycles"]
-
-
-def test_shared_code_counts_for_the_part_that_calls_it(
-    board: Board, profile: Any
-) -> None:
-    parts, functions = profile["parts"], profile["functions"]
-    assert parts["one"]["cycles"] == functions["first"]["inclusive"]["cycles"]
-    assert parts["two"]["cycles"] == functions["second"]["inclusive"]["cycles"]
-    assert parts["tick"]["cycles"] == functions[board.tick]["inclusive"]["cycles"]
-    assert parts["main"]["cycles"] == functions[board.main[0]]["self"]["cycles"]
 
 
 def test_an_interrupt_is_measured_from_its_entry_to_its_return(
@@ -192,18 +158,6 @@ def test_to_be_watched_changes_nothing(board: Board, tmp_path: Path) -> None:
     assert len(results[0][1]) >= 1
 
 
-def test_parts_that_cannot_be_are_refused(board: Board, tmp_path: Path) -> None:
-    parts = tmp_path / "parts"
-    for text in ("0 100", "zero 100 part", *board.outside):
-        parts.write_text(f"{text}\n")
-        error = board.refuse("--profile", tmp_path / "out", "--parts", parts)
-        assert "START END PART" in error
-
-
-def test_parts_alone_are_a_mistake(board: Board, tmp_path: Path) -> None:
-    assert "--parts needs --profile" in board.refuse("--parts", tmp_path)
-
-
 def test_an_image_without_symbols_is_refused(tmp_path: Path) -> None:
     image = tmp_path / "bare.elf"
     subprocess.run(["avr-strip", "-o", image, NANO.image], check=True)
@@ -215,7 +169,9 @@ def test_names_are_those_of_the_source_whatever_they_hold(tmp_path: Path) -> Non
     # remain inside functions. A symbol may have any name.
     odd = 'sec"ond\\of\tten'
     other = tmp_path / "odd.elf"
-    label = f"0x{NANO.symbols()['first'][0] + 4:x}"
+    listed = subprocess.check_output(["avr-nm", NANO.image], text=True)
+    (start,) = re.findall(r"^(\w+) T first$", listed, re.MULTILINE)
+    label = f"0x{int(start, 16) + 4:x}"
     subprocess.run(
         [
             *("avr-objcopy", "--redefine-sym", f"second={odd}"),
