@@ -12,9 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from imud import rotation
+from imud.calibration.accelerometer import AccFit
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn, spread, units
 from imud.calibration.guided.whole import ModuleFit
+from imud.calibration.gyroscope import GyrFit
+from imud.calibration.magnetometer import MagFit
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Gatherer, Sample, SensorRecording
 from imud.gravity import GRAVITY_M_S2
@@ -89,19 +92,24 @@ def housing_error(module: Module, fit: ModuleFit, turn: FloatArray) -> float:
     return _tilt(units(fit.acc.force(felt) @ turn.T), up)
 
 
-def errors(module: Module, fit: ModuleFit) -> dict[str, float]:
+def errors(
+    module: Module,
+    acc: AccFit | Affine,
+    mag: MagFit | Affine | None,
+    gyr: GyrFit | None = None,
+) -> dict[str, float]:
     """Rms errors over all attitudes after a calibration, modulo a common turn of all
-    three sensors: those of the shape.
+    sensors: those of the shape.
     """
-    acc, gyr, mag = fit.acc, fit.gyr, fit.mag
     into = closest_turn(acc.matrix @ module.acc)
     up = ATTITUDES[:, 2, :]
     felt = (up * GRAVITY_M_S2) @ module.acc.T + module.acc_bias
-    seen = units(acc.force(felt) @ into)
+    seen = units((felt - acc.bias) @ acc.matrix.T @ into)
     found = {"tilt": _tilt(seen, up)}
-    of_gyr = into.T @ gyr.matrix @ module.gyr - np.eye(3)
-    found["scale"] = 100.0 * _rms(np.diag(of_gyr))
-    found["cross"] = 100.0 * _rms(of_gyr[~np.eye(3, dtype=bool)])
+    if gyr is not None:
+        of_gyr = into.T @ gyr.matrix @ module.gyr - np.eye(3)
+        found["scale"] = 100.0 * _rms(np.diag(of_gyr))
+        found["cross"] = 100.0 * _rms(of_gyr[~np.eye(3, dtype=bool)])
     if mag is not None:
         field = np.einsum("tji,j->ti", ATTITUDES, FIELD)
         felt = field @ module.mag.T + module.mag_bias
@@ -133,16 +141,3 @@ def _frame(up: FloatArray, field: FloatArray) -> FloatArray:
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt((np.asarray(values) ** 2).mean()))
-
-
-def affine_errors(module: Module, acc: Affine, mag: Affine) -> dict[str, float]:
-    """Rms errors over all attitudes after a calibration of two sensors alone, modulo
-    the turn that is left in the accelerometer's.
-    """
-    into = closest_turn(acc.matrix @ module.acc)
-    up = ATTITUDES[:, 2, :]
-    felt = (up * GRAVITY_M_S2) @ module.acc.T + module.acc_bias
-    seen = units(acc.apply(felt) @ into)
-    field = np.einsum("tji,j->ti", ATTITUDES, FIELD)
-    read = mag.apply(field @ module.mag.T + module.mag_bias) @ into
-    return {"tilt": _tilt(seen, up), "heading": _heading(seen, read, up, field)}

@@ -101,10 +101,10 @@ def test_a_fit_that_failed_is_infinitely_wrong() -> None:
 
 def test_a_perfect_calibration_has_no_error() -> None:
     same = Affine(np.eye(3), np.zeros(3))
-    found = simulated.affine_errors(calibrated(), same, same)
-    assert found == {"tilt": pytest.approx(0.0), "heading": pytest.approx(0.0)}
+    found = simulated.errors(calibrated(), same, same)
+    assert found == pytest.approx({"tilt": 0.0, "heading": 0.0, "own": 0.0})
     turned = Affine(np.diag([1.0, 1.0, 1.02]), np.zeros(3))
-    assert simulated.affine_errors(calibrated(), turned, same)["tilt"] > 0.2
+    assert simulated.errors(calibrated(), turned, same)["tilt"] > 0.2
 
 
 def test_an_uneven_field_has_its_size_over_its_distance() -> None:

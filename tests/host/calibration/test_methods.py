@@ -12,7 +12,7 @@ import pytest
 from benchmarks.calibration.simulated import (
     ATTITUDES,
     FIELD,
-    affine_errors,
+    errors,
     recorded,
     samples,
 )
@@ -56,7 +56,7 @@ def test_six_positions_leave_what_the_study_found() -> None:
     assert found.acc is not None
     assert found.gyr is not None
     assert found.mag is not None
-    left = affine_errors(module(), found.acc, found.mag)
+    left = errors(module(), found.acc, found.mag)
     assert 0.1 < left["tilt"] < 1.5  # as the faces are off
     assert 1.0 < left["heading"] < 6.0  # the dies' turn is not seen
     assert np.degrees(found.gyr.bias - module().gyr_bias) == pytest.approx(0.0, abs=0.1)
@@ -156,8 +156,8 @@ def test_half_turns_find_the_own_field() -> None:
     assert found.mag is not None
     assert found.acc is not None
     assert np.linalg.norm(found.mag.bias - module().mag_bias) < 4.0
-    before = affine_errors(module(), SAME, SAME)
-    left = affine_errors(module(), found.acc, found.mag)
+    before = errors(module(), SAME, SAME)
+    left = errors(module(), found.acc, found.mag)
     assert left["heading"] < 0.2 * before["heading"]
     assert np.array_equal(found.acc.matrix, np.eye(3))
 

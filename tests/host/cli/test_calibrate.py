@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from benchmarks.calibration.simulated import affine_errors, recorded
+from benchmarks.calibration.simulated import errors, recorded
 from chain import Chain
 from imud.calibration.affine import affine_of
 from imud.calibration.guided import whole
@@ -86,7 +86,7 @@ def test_a_probe_is_calibrated_and_the_calibration_undone(desk: Desk) -> None:
         assert "uT residual; field 4" in out
         params = desk.in_force
         assert f"params {params.digest:08x} are active" in out
-        left = affine_errors(
+        left = errors(
             module(),
             affine_of(params.acc, SCALE.acc_m_s2),
             affine_of(params.mag, SCALE.mag_ut),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from typing import Any
 
-from benchmarks.calibration.simulated import affine_errors, recorded
+from benchmarks.calibration.simulated import errors, recorded
 from fakes import FakeProbe
 from imud.calibration.affine import affine_of
 from imud.calibration.guided import whole
@@ -93,7 +93,7 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     assert params.acc == before.acc
     assert params.mag is not None
     assert params.mag.method == "learned"
-    left = affine_errors(
+    left = errors(
         module(),
         affine_of(params.acc, SCALE.acc_m_s2),
         affine_of(params.mag, SCALE.mag_ut),
