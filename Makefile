@@ -37,9 +37,13 @@ demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@imud demo --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
-test: ## all tests, those of the C under sanitizers
+# Programs that want a processor all the time, to see that no test minds.
+beside = $(if $(BESIDE),busy=; trap 'kill $$busy' EXIT; \
+	for each in $$(seq $(BESIDE)); do while :; do :; done & busy="$$busy $$!"; done;)
+
+test: ## all tests, those of the C under sanitizers (BESIDE=6 busy loops, ORDER=7 of files)
 	@$(PYTHON) tools/setup.py test
-	@export IMU_SAMPLE=1; status=0; $(both)
+	@export IMU_SAMPLE=1 IMU_ORDER=$(ORDER); status=0; $(beside) $(both)
 
 test-long: ## the tests that `make test` shortens, in full
 	@$(PYTHON) tools/setup.py test-long

@@ -11,6 +11,7 @@ hypothesis as `make test-long`, of which `make test` tries a third.
 from __future__ import annotations
 
 import os
+import random
 import zlib
 from collections.abc import Sequence
 from typing import TypeVar
@@ -22,6 +23,7 @@ T = TypeVar("T")
 
 IS_LONG = os.environ.get("IMU_LONG") == "1"
 IS_SAMPLE = os.environ.get("IMU_SAMPLE") == "1"
+ORDER = os.environ.get("IMU_ORDER", "")  # a seed: files in a random order
 
 
 def choose(*, everyday: T, long: T) -> T:
@@ -71,3 +73,11 @@ def pytest_collection_modifyitems(
         found = left_out(items)
         config.hook.pytest_deselected(items=[i for i in items if i in found])
         items[:] = [item for item in items if item not in found]
+    if ORDER:
+        files = sorted({item.path for item in items})
+        random.Random(ORDER).shuffle(files)  # noqa: S311 - no secret
+        items.sort(key=lambda item: files.index(item.path))
+
+
+def pytest_report_header() -> str:
+    return f"order of files: IMU_ORDER={ORDER}" if ORDER else ""
