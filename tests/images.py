@@ -60,7 +60,7 @@ def compiled(flags: Sequence[str | Path], source: str | Path) -> Path:
     CACHE.mkdir(parents=True, exist_ok=True)
     text = subprocess.run([*flags, source, "-E"], cwd=ROOT, stdout=-1, check=True)
     words = [*map(str, flags), "-c", str(source)]
-    return _made(".o", words, text.stdout, ignored=r"-[DI]|-Wl,|/")
+    return _made(".o", words, text.stdout, ignored=r"-[DIU]|-Wl,|/")
 
 
 def _made(

@@ -135,10 +135,20 @@ def _load(
 
 
 def program(sources: Iterable[Path]) -> Path:
-    """Return a program of C files under both sanitizers; in `make test` it shares the
-    objects of load().
-    """
-    return _Build([*sources], (), (), (*PLAIN, *UNDEFINED, *ADDRESS), ()).program()
+    """Return a program of C files, of their objects()."""
+    return _checked(sources).program()
+
+
+def objects(sources: Iterable[Path]) -> list[Path]:
+    """C files compiled under both sanitizers; in `make test` those of load()."""
+    CACHE.mkdir(parents=True, exist_ok=True)
+    with locked(CACHE / ".lock"):
+        return _checked(sources).objects()
+
+
+def _checked(sources: Iterable[Path]) -> _Build:
+    headers = sorted(CORE.rglob("*.h"))
+    return _Build([*sources], headers, (), (*PLAIN, *UNDEFINED, *ADDRESS), ())
 
 
 def forget() -> None:
@@ -197,7 +207,7 @@ class _Build:
 
     def _link(self, target: Path) -> None:
         made = target.with_suffix(".part")
-        objects = map(str, self._objects())
+        objects = map(str, self.objects())
         _run("gcc", *self.flags, *objects, *self.libraries, "-o", str(made))
         made.rename(target)
 
@@ -205,7 +215,7 @@ class _Build:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             are_whole = pool.map(self._is_whole, self.headers)
             headers = list(compress(self.headers, are_whole))
-        objects = self._objects()
+        objects = self.objects()
         self._refuse_twins(headers)
         seam = "".join(f'#include "{path}"\n' for path in headers)
         defined = _defined_symbols(objects)
@@ -235,7 +245,7 @@ class _Build:
             )
             made.rename(target)
 
-    def _objects(self) -> list[Path]:
+    def objects(self) -> list[Path]:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             return [made for made in pool.map(self._object, self.sources) if made]
 
