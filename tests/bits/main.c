@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // A probe's computation alone, for each processor in its emulator: the frames of a log
 // come in over the wire, the poses that its samples give go out. Each frame is answered
-// with one zero, be it a pose's delimiter: so the host knows when to send the next.
+// with one zero, be it a pose's delimiter: so the host knows when to send the next. The
+// first zero answers the host's first byte, of no frame.
 #include <string.h>
 
 #include "board.h"
@@ -168,8 +169,11 @@ static bool answer(uint8_t length) {
     return true;
 }
 
+static const uint8_t zero = 0;
+static const uint8_t here = 1;
+static bool is_heard;  // a byte came
+
 static void take(uint8_t length) {
-    static const uint8_t zero = 0;
     bool is_answered = false;
     if (content[0] == MESSAGE_HELLO) {
         take_hello(length);
@@ -206,11 +210,19 @@ int main(void) {
         board_watchdog_kick();
         for (int16_t byte = board_receive(); byte >= 0; byte = board_receive()) {
             uint8_t length;
+            if (!is_heard) {
+                send(&zero, 1);
+            }
+            is_heard = true;
             if (frame_decode(&decoder, (uint8_t)byte, &length) == FRAME_OK) {
                 take(length);
             }
         }
         board_equipment_step(&probe, board_time_us());
+        // It listens, and nobody may have the port open yet.
+        if (!is_heard) {
+            send(&here, 1);
+        }
         board_idle();
     }
 }

@@ -8,7 +8,6 @@ from __future__ import annotations
 import functools
 import json
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -27,11 +26,6 @@ from imud.wire.params import ParamsParts
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 FIRMWARE = ROOT / "firmware"
-
-PATIENCE_S = 30.0
-# Until the first frame is sent again: nobody may have listened yet.
-BOOT_S = 0.3
-BOOT_TRIES = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,21 +142,18 @@ def exchanged(link: Path, contents: Sequence[bytes], room: int) -> list[bytes]:
     waiting: deque[int] = deque()  # bytes of each frame without an answer
 
     def receive() -> None:
-        answers = answer_to(wire, PATIENCE_S)
-        assert answers, f"{len(waiting)} frames are not answered"
+        answers = os.read(wire, 4096)
+        assert answers, f"it ended; {len(waiting)} frames are not answered"
         poses.extend(decoder.feed(answers))
         for _ in range(answers.count(0)):
             waiting.popleft()
 
     try:
         tty.setraw(wire)
-        first = next(content for content in contents if has_sensor(content))
-        answers = (
-            answer_to(wire, BOOT_S, encode_frame(first)) for _ in range(BOOT_TRIES)
-        )
-        assert any(answers), "it never answered"
-        while answer_to(wire, BOOT_S):
-            pass  # answers to what was said twice
+        assert os.read(wire, 1), "it never listened"
+        os.write(wire, b"\0")
+        while (heard := os.read(wire, 1)) != b"\0":
+            assert heard, "it ended"
         for content in contents:
             frame = encode_frame(content)
             while waiting and sum(waiting) + len(frame) > room:
@@ -174,13 +165,6 @@ def exchanged(link: Path, contents: Sequence[bytes], room: int) -> list[bytes]:
     finally:
         os.close(wire)
     return poses
-
-
-def answer_to(wire: int, seconds: float, sent: bytes = b"") -> bytes:
-    """What comes first, in answer or not."""
-    os.write(wire, sent)
-    ready, _, _ = select.select([wire], [], [], seconds)
-    return os.read(wire, 4096) if ready else b""
 
 
 def has_sensor(content: bytes) -> bool:
