@@ -135,12 +135,12 @@ def _load(
 
 
 def program(sources: Iterable[Path]) -> Path:
-    """Return a program of C files, of their objects()."""
+    """A program of C files, of their objects()."""
     return _checked(sources).program()
 
 
 def objects(sources: Iterable[Path]) -> list[Path]:
-    """C files compiled under both sanitizers; in `make test` those of load()."""
+    """C files under both sanitizers; in `make test` those of load()."""
     CACHE.mkdir(parents=True, exist_ok=True)
     with locked(CACHE / ".lock"):
         return _checked(sources).objects()

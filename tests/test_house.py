@@ -344,7 +344,6 @@ def test_no_file_holds_an_open_end_or_a_place_of_its_own():
     kinds = (*SOURCES, "*.md", "*.toml", "*.ini", "*.json", "Makefile")
     for path in files(*(ROOT / f for f in (*FOLDERS, "docs")), kinds=kinds):
         text = path.read_text()
-        # A plain search first: each pattern in each file would take seconds.
         found = [w for w in words if w in text and re.search(rf"\b{w}\b", text)]
         found += [p for p in places if p in text and re.search(rf"{p}\w", text)]
         assert not found, f"{identified(path)}: {found[0]}"

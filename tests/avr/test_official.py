@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "official"
 PIO = (sys.executable, "-m", "platformio")
 UPLOAD = ("-t", "nobuild", "-t", "upload")
-FLAGS = ("-flto", "-fno-fat-lto-objects", "-fuse-linker-plugin")
+FLAGS = "-flto -fno-fat-lto-objects -fuse-linker-plugin"
 
 
 def built(
@@ -64,7 +64,7 @@ def without_ours() -> Path:
     ini = BUILD / "without.ini"  # PlatformIO empties its own folders
     if not ini.exists() or ini.read_text() != changed:
         ini.write_text(changed)
-    return built("nano_as_pio", ini=ini)
+    return built("nano_as_pio", ini=ini) / "nano_as_pio"
 
 
 def flash_bytes(elf: Path) -> int:
@@ -88,47 +88,39 @@ def test_the_image_is_the_same_byte_by_byte_with_the_official_flags(
 ) -> None:
     folder = image.parent
     if version(folder) != version(with_ours):
-        folder = built("nano") / "nano"  # a commit that changed no firmware
+        shutil.rmtree(BUILD / "with" / "nano", ignore_errors=True)  # of an upload
+        folder = built("nano") / "nano"
     images = [(path / "firmware.hex").read_bytes() for path in (folder, with_ours)]
     assert images[0] == images[1]
 
 
-# What these flags do is the compiler's: a change of ours that let them in would show in
-# the bytes of the image above.
+# By day, the bytes of the image above show a change that lets these flags in.
 @pytest.mark.nightly
-def test_without_our_unflags_it_is_hundreds_of_bytes_larger(
-    with_ours: Path, without_ours: Path
-) -> None:
-    """About 900 with each of avr-gcc 5.4, 7.3 and 14.2."""
-    ours = flash_bytes(with_ours / "firmware.elf")
-    official = flash_bytes(without_ours / "nano_as_pio" / "firmware.elf")
-    assert official > ours + 500
-
-
-@pytest.mark.nightly
-def test_without_our_unflags_files_do_not_lie_where_the_linker_script_says(
+def test_without_our_unflags_it_is_larger_and_files_lie_elsewhere(
     with_ours: Path, without_ours: Path
 ) -> None:
     """avr/fixed_mul is in the middle of the filter, behind main."""
-    ours = addresses(with_ours / "firmware.elf")
-    assert ours["main"] < ours["fixed_mul_q30"]
-    official = addresses(without_ours / "nano_as_pio" / "firmware.elf")
-    assert official["fixed_mul_q30"] < official["main"]
+    ours, official = (each / "firmware.elf" for each in (with_ours, without_ours))
+    assert flash_bytes(official) > flash_bytes(ours) + 500
+    assert addresses(ours)["main"] < addresses(ours)["fixed_mul_q30"]
+    assert addresses(official)["fixed_mul_q30"] < addresses(official)["main"]
 
 
-def test_nano_as_pio_takes_its_flags_from_nano_pio() -> None:
+def test_environments_with_the_official_flags_take_them_from_one_place() -> None:
     ini = configparser.ConfigParser(interpolation=None)
     ini.read(ROOT / "platformio.ini")
     assert ini["env:nano_as_pio"]["extends"] == "env:nano_pio, system"
     assert "official:avr" in ini["env:nano_pio"]["extends"]
-    assert ini["official:avr"]["build_unflags"].split() == list(FLAGS)
+    assert ini["official:avr"]["build_unflags"] == FLAGS
+    assert ini["env:nano_pio_old"]["extends"] == "env:nano_pio, bootloader:old"
+    assert ini["bootloader:old"]["upload_speed"] == "57600"
 
 
 @pytest.mark.parametrize(("name", "baud"), [("nano", "115200"), ("nano_old", "57600")])
 def test_uploads_use_the_baud_rate_of_the_bootloader(
     name: str, baud: str, image: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Seen in the arguments of avrdude. What is uploaded was built before."""
+    """Seen in avrdude's arguments."""
     avrdude, told = tmp_path / "avrdude", tmp_path / "told"
     avrdude.write_text(f'#!/bin/sh\necho "$@" > "{told}"\n')
     avrdude.chmod(0o755)
@@ -142,10 +134,3 @@ def test_uploads_use_the_baud_rate_of_the_bootloader(
         *("-p", "atmega328p", "-c", "arduino", "-b", baud, "-P", "/dev/a-nano"),
         *("-D", "-U", f"flash:w:{hex_file}:i"),
     ]
-
-
-def test_platformios_own_platform_has_an_environment_for_the_old_bootloader() -> None:
-    ini = configparser.ConfigParser(interpolation=None)
-    ini.read(ROOT / "platformio.ini")
-    assert ini["env:nano_pio_old"]["extends"] == "env:nano_pio, bootloader:old"
-    assert ini["bootloader:old"]["upload_speed"] == "57600"

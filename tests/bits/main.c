@@ -219,7 +219,7 @@ int main(void) {
             }
         }
         board_equipment_step(&probe, board_time_us());
-        // It listens, and nobody may have the port open yet.
+        // Nobody may have the port open yet.
         if (!is_heard) {
             send(&here, 1);
         }

@@ -143,17 +143,17 @@ def exchanged(link: Path, contents: Sequence[bytes], room: int) -> list[bytes]:
 
     def receive() -> None:
         answers = os.read(wire, 4096)
-        assert answers, f"it ended; {len(waiting)} frames are not answered"
+        assert answers, f"{len(waiting)} frames are not answered"
         poses.extend(decoder.feed(answers))
         for _ in range(answers.count(0)):
             waiting.popleft()
 
     try:
         tty.setraw(wire)
-        assert os.read(wire, 1), "it never listened"
+        assert os.read(wire, 1)
         os.write(wire, b"\0")
         while (heard := os.read(wire, 1)) != b"\0":
-            assert heard, "it ended"
+            assert heard
         for content in contents:
             frame = encode_frame(content)
             while waiting and sum(waiting) + len(frame) > room:
