@@ -32,7 +32,6 @@ from length import choose
 from system.live import LiveProbe
 from system.virtual import NANO, Stub
 
-EVERY = pytest.mark.parametrize("bootloader", [OPTIBOOT_4, ATMEGABOOT])
 ONE = pytest.mark.parametrize(
     "bootloader", choose(everyday=[OPTIBOOT_4], long=[OPTIBOOT_4, ATMEGABOOT])
 )
@@ -145,7 +144,8 @@ def older(stub: Stub) -> Path:
     return path
 
 
-@EVERY
+@pytest.mark.long
+@ONE
 def test_a_running_daemon_lends_its_port_and_the_params_stay(
     stub: Stub, bootloader: str, flash: Flash, state: Path
 ) -> None:
@@ -163,7 +163,7 @@ def test_a_running_daemon_lends_its_port_and_the_params_stay(
         assert desk.client.command(desk.name, "start")["ok"]
 
 
-@pytest.mark.long
+@pytest.mark.nightly
 @ONE
 def test_without_a_daemon_it_brings_its_own(
     stub: Stub, bootloader: str, flash: Flash
