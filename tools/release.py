@@ -12,7 +12,6 @@ import hashlib
 import json
 import os
 import platform
-import re
 import shutil
 import subprocess
 import sys
@@ -21,11 +20,12 @@ import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import debian
 import locked
 import notices
-import release_pico
+from needs import PICOS
 from pico_sources import PicoSources
 
 from hardware.archive import NAME as PARTS
@@ -118,18 +118,14 @@ class Release:
         rows = []
         for environment, name in IMAGES.items():
             built = self.source / ".pio" / "build" / environment
-            (row,) = json.loads((built / "manifest.json").read_text())["images"]
+            row = _row(built)
             rows.append(row | {"file": f"{name}.hex"})
             shutil.copy(built / "firmware.hex", folder / f"{name}.hex")
             if (built / "firmware.bin").exists():
                 shutil.copy(built / "firmware.bin", folder / f"{name}.bin")
-            elf = folder / f"{name}.elf"
-            self.run(
-                f"{name}.elf",
-                *(STRIP[row["board"]], "--strip-debug", "-o", elf),
-                built / "firmware.elf",
-            )
-        rows.append(release_pico.build(self, folder))
+            strip = STRIP[row["board"]]
+            self._strip(strip, built / "firmware.elf", folder / f"{name}.elf")
+        rows.append(self._build_pico(folder))
         text = json.dumps({"images": rows}, indent=2)
         (folder / "manifest.json").write_text(text + "\n")
         if self._signature is not None:
@@ -137,6 +133,28 @@ class Release:
         parts = (*notices.FIRMWARE, *notices.of_pico(PicoSources().folder))
         self._name(package, "imu_probe_firmware", parts)
         self._wheel(package, self.dist)
+
+    def _build_pico(self, folder: Path) -> dict[str, Any]:
+        """The image in C belongs to the package of firmware; its row of the manifest.
+        Those with MicroPython are files of their own, with the terms of what is inside.
+        """
+        self.run("the Pico's images", sys.executable, "tools/pico.py", *PICOS)
+        in_c, *with_micropython = PICOS
+        made = self.source / "build" / "pico"
+        shutil.copy(made / f"{in_c}.uf2", folder)
+        elf = f"{in_c}.elf"
+        self._strip("arm-none-eabi-strip", made / elf, folder / elf)
+        ours = self.dist / f"imu-probe-{self.version}"
+        for name in with_micropython:
+            shutil.copy(made / f"{name}.uf2", f"{ours}-{name}.uf2")
+        sources = PicoSources()
+        parts = notices.of_micropython(sources.folder, sources.micropython)
+        path = Path(f"{ours}-pico-micropython-NOTICES.txt")
+        path.write_text(notices.text(parts, self.source), "utf-8")
+        return _row(made)
+
+    def _strip(self, program: str, image: Path, elf: Path) -> None:
+        self.run(elf.name, program, "--strip-debug", "-o", elf, image)
 
     def build_sim(self, *, with_sources: bool) -> None:
         build = self.place / "sim"
@@ -249,6 +267,13 @@ class Release:
         sys.stdout.write(f"in {self.dist}\n")
 
 
+def _row(built: Path) -> dict[str, Any]:
+    """Of the one image in a folder, what its manifest says."""
+    manifest = json.loads((built / "manifest.json").read_text())
+    (row,) = manifest["images"]
+    return dict(row)
+
+
 def _build(kind: str) -> tuple[str, ...]:
     """The words of a build with the tools that are installed, up to its folder."""
     return (sys.executable, "-m", "build", "--no-isolation", kind, "--outdir")
@@ -260,11 +285,8 @@ def moment() -> str:
 
 
 def version_of(root: Path) -> str:
-    text = (root / "pyproject.toml").read_text("utf-8")
-    found = re.search(r'^version = "([^"]+)"', text, re.MULTILINE)
-    if found is None:
-        raise ReleaseError("pyproject.toml has no version")
-    return found[1]
+    project = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))
+    return str(project["project"]["version"])
 
 
 def _sha256(path: Path) -> str:
@@ -280,9 +302,6 @@ def _output(*words: str) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, epilog="example: python tools/release.py"
-    )
-    parser.add_argument(
-        "--place", type=Path, default=PLACE, help="folder (default: %(default)s)"
     )
     parser.add_argument(
         "--without-sources",
@@ -303,13 +322,13 @@ def main() -> int:
     args = parser.parse_args()
     try:
         release = build(
-            args.place.resolve(),
+            PLACE,
             with_sources=not args.without_sources,
             signature=args.signature and args.signature.resolve(),
         )
         release.report()
         if args.twice:
-            other = build(args.place.resolve() / "again", with_sources=False)
+            other = build(PLACE / "again", with_sources=False)
             compare(release, other)
     except ReleaseError as error:
         sys.stderr.write(f"release: {error}\n")
