@@ -5,30 +5,16 @@ the GPL. The emulators are the one package that may.
 
 from __future__ import annotations
 
-import argparse
 import re
-import sys
 from collections.abc import Iterator
 from importlib import metadata
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-MIT = "imu-probe"
 FREE = ("sim",)  # an extra with programs of its own, which are not linked
 GPL = re.compile(r"\bA?GPL|GNU (Affero )?General Public", re.IGNORECASE)
 LESSER = re.compile(r"\bLGPL|Lesser General Public", re.IGNORECASE)
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("package", nargs="?", default=MIT)
-    found = [*bound(parser.parse_args().package)]
-    for name, words in found:
-        sys.stdout.write(f"{name}: {words}\n")
-    if found:
-        sys.stdout.write(f"{MIT} is MIT and must not depend on these\n")
-    return 1 if found else 0
 
 
 def bound(package: str) -> Iterator[tuple[str, str]]:
@@ -70,7 +56,3 @@ def licence(about: metadata.PackageMetadata) -> str:
     if not any(told):
         told += [each[:200] for each in about.get_all("License") or []]
     return "; ".join(" ".join(each.split()) for each in told if each)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
