@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -53,20 +52,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="tools/check.py", description=__doc__)
     parser.add_argument("--format", action="store_true", help="only format the source")
     if parser.parse_args().format:
-        run("clang-format", "-i", *sources(*C_FOLDERS))
-        run("ruff", "format", "--quiet")
+        c = ("clang-format", "-i", *sources(*C_FOLDERS))
+        for words in (c, ("ruff", "format", "--quiet")):
+            subprocess.run(words, cwd=ROOT, check=True)
         return
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         tried = [(name, pool.submit(passes, name, words)) for name, words in checks()]
     failed = [name for name, is_good in tried if not is_good.result()]
     if failed:
         sys.exit(f"\nnot passed: {', '.join(failed)}")
-
-
-PYTHON = (
-    ("layout of Python", ("ruff", "format", "--check", "--quiet")),
-    ("lint of Python", ("ruff", "check", "--quiet")),
-)
 
 
 def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -102,7 +96,8 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
         "layout of C",
         ("clang-format", "--dry-run", "-Werror", *sources(*C_FOLDERS)),
     )
-    yield from PYTHON
+    yield "layout of Python", ("ruff", "format", "--check", "--quiet")
+    yield "lint of Python", ("ruff", "check", "--quiet")
     yield "imports", ("lint-imports",)
     yield from of_scripts()
     yield "generated files", (python, "protocol/generate.py", "--check")
@@ -165,12 +160,6 @@ def passes(name: str, command: tuple[str, ...]) -> bool:
     sys.stdout.write(f"{name:<22}{time.monotonic() - start:7.1f} s{told}\n")
     sys.stdout.flush()
     return is_good
-
-
-def run(program: str, *arguments: str) -> None:
-    if shutil.which(program) is None:
-        sys.exit(f"{program} is missing: make setup")
-    subprocess.run([program, *arguments], cwd=ROOT, check=True)
 
 
 if __name__ == "__main__":

@@ -291,40 +291,13 @@ def at_once(*tasks: Callable[[], None]) -> None:
             under_way.result()
 
 
-class Display:
-    """Prints a line for each finished step and, on a terminal, the running ones."""
-
-    def __init__(self) -> None:
-        self._under_way: list[str] = []
-        self._is_terminal = sys.stdout.isatty()
-        self._lock = threading.Lock()
-
-    def begin(self, name: str) -> None:
-        with self._lock:
-            self._under_way.append(name)
-            self._draw("")
-
-    def end(self, name: str, seconds: float) -> None:
-        with self._lock:
-            self._under_way.remove(name)
-            self._draw(f"{name:<22}{seconds:7.1f} s\n")
-
-    def _draw(self, line: str) -> None:
-        if self._is_terminal:
-            dots = f"{', '.join(self._under_way)} ..." if self._under_way else ""
-            sys.stdout.write(f"\r\x1b[K{line}{dots}")
-        else:
-            sys.stdout.write(line)
-        sys.stdout.flush()
-
-
-DISPLAY = Display()
 LOG_LOCK = threading.Lock()
 
 
 def step(name: str, *command: str) -> None:
     """Run a command, print its name and seconds; if it fails, exit with its output."""
-    DISPLAY.begin(name)
+    if sys.stdout.isatty():
+        tell(f"{name} ...\n")
     start = time.monotonic()
     with tempfile.TemporaryFile("w+", errors="replace") as output:
         done = subprocess.run(
@@ -340,10 +313,15 @@ def step(name: str, *command: str) -> None:
         text = output.read()
     with LOG_LOCK, LOG.open("a") as log:  # each step's lines stay together
         log.write(f"$ {shlex.join(command)}\n{text}")
-    DISPLAY.end(name, time.monotonic() - start)
+    tell(f"{name:<22}{time.monotonic() - start:7.1f} s\n")
     if done.returncode:
         tail = "\n".join(text.splitlines()[-25:])
         sys.exit(f"\n{tail}\n\n{name} failed; the whole output is in {LOG}")
+
+
+def tell(line: str) -> None:
+    sys.stdout.write(line)
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":
