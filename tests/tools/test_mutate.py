@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import mutate
-import mutations
 
 C = """\
 // a < b in a comment
@@ -38,7 +37,7 @@ def pick(a: int | None, b: int) -> bool:
 def changed(tmp_path: Path, name: str, text: str) -> set[tuple[str, str]]:
     path = tmp_path / name
     path.write_text(text)
-    found = mutations.of(path, Path(name))
+    found = mutate.mutations(path, Path(name))
     for each in found:
         assert each.after in each.apply(text)
         assert each.apply(text) != text
