@@ -17,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import needs
+import quietly
 
 ROOT = Path(__file__).resolve().parent.parent
 CORE = Path("firmware/core")
@@ -144,17 +145,9 @@ def sources(*folders: str, kinds: tuple[str, ...] = ("*.c", "*.h")) -> list[str]
 
 def passes(name: str, command: tuple[str, ...]) -> bool:
     start = time.monotonic()
-    done = subprocess.run(
-        command,
-        cwd=ROOT,
-        # Nothing may be left out here for want of a tool: tests/demanded.py.
-        env=os.environ | {"IMU_DEMANDED": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
+    # Nothing may be left out here for want of a tool: tests/demanded.py.
+    environment = os.environ | {"IMU_DEMANDED": "1"}
+    done = quietly.run(*command, cwd=ROOT, env=environment)
     is_good = done.returncode == 0
     told = "" if is_good else f"  not passed\n{done.stdout}"
     sys.stdout.write(f"{name:<22}{time.monotonic() - start:7.1f} s{told}\n")

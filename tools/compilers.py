@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import debian
+import quietly
 from debian import NotInstalled, output
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -148,20 +149,11 @@ def build(
     for name in chosen:
         (folder / name / "firmware.elf").unlink(missing_ok=True)
     words = [word for name in chosen for word in ("--environment", name)]
-    done = subprocess.run(
-        [*PIO, "run", "--silent", *words],
-        cwd=ROOT,
-        env=surroundings()
-        | {
-            "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
-            "PLATFORMIO_BUILD_DIR": str(folder),
-        },
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
+    environment = surroundings() | {
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
+        "PLATFORMIO_BUILD_DIR": str(folder),
+    }
+    done = quietly.run(*PIO, "run", "--silent", *words, cwd=ROOT, env=environment)
     images, faults = [], []
     for name, is_default in chosen.items():
         elf = folder / name / "firmware.elf"

@@ -10,12 +10,12 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 
 import debian
+import quietly
 from pico_sources import PicoSources
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -132,16 +132,7 @@ def jobs() -> str:
 
 def run(more: Mapping[str, str], *words: object, cwd: Path | None = None) -> None:
     """Runs a command; one that fails ends this program with what it printed."""
-    done = subprocess.run(
-        [*map(str, words)],
-        cwd=cwd,
-        env=os.environ | more,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-        check=False,
-    )
+    done = quietly.run(*words, cwd=cwd, env=os.environ | more)
     if done.returncode:
         sys.stdout.write(done.stdout)
         sys.exit(f"{words[0]} failed")

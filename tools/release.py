@@ -25,6 +25,7 @@ from typing import Any
 import debian
 import locked
 import notices
+import quietly
 from needs import PICOS
 from pico_sources import PicoSources
 
@@ -79,17 +80,7 @@ class Release:
     def run(self, what: str, *words: object, cwd: Path | None = None) -> None:
         """One step, whose output is shown if it fails."""
         began_s = time.monotonic()
-        done = subprocess.run(
-            [*map(str, words)],
-            cwd=cwd or self.source,
-            env=self.environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            check=False,
-        )
+        done = quietly.run(*words, cwd=cwd or self.source, env=self.environment)
         if done.returncode != 0:
             sys.stderr.write(done.stdout)
             raise ReleaseError(f"{what} failed: {' '.join(map(str, words))}")
