@@ -46,7 +46,7 @@ Row = dict[str, Any]
 
 def row_of(module: Module, fit: ModuleFit, turn: FloatArray | None) -> Row:
     """The true errors of a fit, and the stated ones."""
-    row: Row = dict(simulated.errors(module, fit.acc, fit.mag, fit.gyr))
+    row: Row = dict(simulated.fit_errors(module, fit))
     row |= {"stated tilt": fit.score.tilt_deg, "stated": fit.score.heading_deg}
     if turn is not None:
         row["leans"] = simulated.housing_error(module, fit, turn)

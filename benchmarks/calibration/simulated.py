@@ -92,6 +92,11 @@ def housing_error(module: Module, fit: ModuleFit, turn: FloatArray) -> float:
     return _tilt(units(fit.acc.force(felt) @ turn.T), up)
 
 
+def fit_errors(module: Module, fit: ModuleFit) -> dict[str, float]:
+    """errors() of all three sensors of a fit."""
+    return errors(module, fit.acc, fit.mag, fit.gyr)
+
+
 def errors(
     module: Module,
     acc: AccFit | Affine,

@@ -42,9 +42,7 @@ def row_of(found: Laid, verdict: Judged) -> Row:
     """Why it is refused, if it is, and the true errors."""
     fit, fault = verdict
     row: Row = {"refused": fault.kind if fault is not None else None}
-    if fit is None:
-        return row
-    return row | simulated.errors(found.module, fit.acc, fit.mag, fit.gyr)
+    return row if fit is None else row | simulated.fit_errors(found.module, fit)
 
 
 def laid_as_asked(found: Laid, verdict: Judged) -> Row:

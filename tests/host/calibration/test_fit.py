@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.calibration.simulated import EARTH, UPS, errors, recorded, samples
+from benchmarks.calibration.simulated import EARTH, UPS, fit_errors, recorded, samples
 from imud.calibration import accelerometer, poses
 from imud.calibration.algebra import closest_turn, integrated, onto, skew, turn, units
 from imud.calibration.guided import whole
@@ -62,7 +62,7 @@ def test_small_pieces_of_algebra() -> None:
 
 def test_twelve_poses_in_less_than_a_minute_calibrate_a_shop_module() -> None:
     """Median and worst of a few; benchmarks/calibration/modules.py has 40."""
-    found = [errors(module(seed), fitted(seed)) for seed in range(MODULES)]
+    found = [fit_errors(module(seed), fitted(seed)) for seed in range(MODULES)]
     for key, middle, worst in (
         ("tilt", 0.05, 0.08),
         ("heading", 0.2, 0.3),
@@ -76,7 +76,7 @@ def test_twelve_poses_in_less_than_a_minute_calibrate_a_shop_module() -> None:
 
 
 def test_the_score_is_careful_and_near() -> None:
-    found = [errors(module(seed), fitted(seed)) for seed in range(MODULES)]
+    found = [fit_errors(module(seed), fitted(seed)) for seed in range(MODULES)]
     scores = [fitted(seed).score for seed in range(MODULES)]
     tilt = np.array([each["tilt"] for each in found])
     heading = np.array([each["heading"] for each in found])
@@ -117,7 +117,7 @@ def test_an_uneven_field_shows_in_the_heading_alone() -> None:
     assert found.mag.residual_ut > 1.0
     heading = found.score.heading_deg
     assert heading is not None
-    assert heading > errors(module(1), found)["heading"]
+    assert heading > fit_errors(module(1), found)["heading"]
     assert heading > 3.0 * (fitted(1).score.heading_deg or 0.0)
 
 
@@ -126,7 +126,7 @@ def test_a_chip_with_half_a_g_of_bias_is_calibrated() -> None:
     found = whole.fit(recorded(samples(bad, 2)))
     assert found is not None
     assert found.acc.is_bad
-    assert errors(bad, found)["tilt"] < 0.1
+    assert fit_errors(bad, found)["tilt"] < 0.1
     assert not fitted(2).acc.is_bad
 
 
@@ -148,7 +148,7 @@ def test_missing_samples_between_two_stops_cost_little() -> None:
     found = whole.fit(recording)
     assert found is not None
     assert len(found.gyr.angle) == len(fitted(0).gyr.angle) - 1
-    assert errors(module(0), found)["heading"] < 0.4
+    assert fit_errors(module(0), found)["heading"] < 0.4
 
 
 def test_few_stops_are_no_fit() -> None:

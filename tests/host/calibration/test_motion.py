@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as with_fields
 
-from benchmarks.calibration.simulated import affine_errors, recorded
+from benchmarks.calibration.simulated import errors, recorded
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.algebra import integrated
 from imud.calibration.learned import motion
@@ -103,9 +103,9 @@ def test_a_module_in_use_is_calibrated() -> None:
     rest = np.concatenate([recording.gyr[s.start : s.end] for s in stops]).mean(axis=0)
     found = motion.fit(recording, rest, float(stops[0].middle))
     assert found is not None
-    before = affine_errors(module(), SAME, SAME)
+    before = errors(module(), SAME, SAME)
     acc = Affine(found.acc.matrix, found.acc.bias)
-    left = affine_errors(module(), acc, Affine(found.mag.matrix, found.mag.bias))
+    left = errors(module(), acc, Affine(found.mag.matrix, found.mag.bias))
     assert left["tilt"] < 0.3 < before["tilt"]
     assert left["heading"] < 1.5 < 20.0 < before["heading"]
 

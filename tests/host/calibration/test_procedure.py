@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.calibration.simulated import UPS, errors, housing_error, samples
+from benchmarks.calibration.simulated import UPS, fit_errors, housing_error, samples
 from imud.calibration.guided.events import (
     Event,
     Finished,
@@ -66,7 +66,7 @@ def test_a_hand_that_obeys_is_done_within_a_minute_with_its_housing() -> None:
     done = events[-1]
     assert isinstance(done, Finished)
     assert done.turn is not None
-    assert errors(module(seed), done.fit)["tilt"] < 0.08
+    assert fit_errors(module(seed), done.fit)["tilt"] < 0.08
     leaning = housing_error(module(seed), done.fit, np.eye(3))
     assert housing_error(module(seed), done.fit, done.turn) < 0.1 < leaning
     assert done.fit.stops[-1].end * done.fit.step_s < 60.0

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.calibration.simulated import affine_errors, recorded, samples
+from benchmarks.calibration.simulated import errors, recorded, samples
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import units
 from imud.calibration.faults import CalibrationFault
@@ -55,12 +55,12 @@ def test_a_wave_finds_the_magnetometer_with_the_aid_of_the_others() -> None:
     found = wave.fit(recorded(waved()), acc, gyr, 0.05)
     assert found is not None
     mag = Affine(found.mag.matrix, found.mag.bias)
-    left = affine_errors(module(), acc, mag)["heading"]
+    left = errors(module(), acc, mag)["heading"]
     assert left < 0.4
     assert 0.3 * left < found.heading_deg < 1.0
     alone = wave.fit(recorded(waved()), SAME, SAME, stated_tilt_deg(None))
     assert alone is not None
-    worse = affine_errors(module(), SAME, Affine(alone.mag.matrix, alone.mag.bias))
+    worse = errors(module(), SAME, Affine(alone.mag.matrix, alone.mag.bias))
     assert worse["heading"] > 2.0 * left
     assert alone.heading_deg > 2.0
 
