@@ -59,16 +59,10 @@ def by_room(files: Mapping[str, Size], rooms: Mapping[str, Size]) -> dict[str, S
 def lowered(text: str, found: Mapping[str, Size]) -> str:
     """The budget's text with what is less than it allows."""
     for room, size in found.items():
-        row = re.compile(rf'^("{re.escape(room)}" = )\[(\d+), (\d+)\]$', re.MULTILINE)
-
-        def less(match: re.Match[str], size: Size = size) -> str:
-            lines, count = (
-                min(size.lines, int(match[2])),
-                min(size.bytes, int(match[3])),
-            )
-            return f"{match[1]}[{lines}, {count}]"
-
-        text = row.sub(less, text)
+        row = re.compile(rf'^"{re.escape(room)}" = \[(\d+), (\d+)\]$', re.MULTILINE)
+        for match in row.finditer(text):
+            least = [*map(min, size, map(int, match.groups()))]
+            text = text.replace(match[0], f'"{room}" = {least}')
     return text
 
 

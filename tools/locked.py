@@ -13,7 +13,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ UV = "uv>=0.9,<1"  # resolves for all systems at once, which pip does not
 UNLOCKED = "UNLOCKED"
 
 # What it has of a package: "name==version ; marker \", hashes, and who needs it.
-_FIRST = re.compile(r"^[a-z0-9][a-z0-9.-]*==")
+_BEFORE_EACH = re.compile(r"^(?=[a-z0-9][a-z0-9.-]*==)", re.MULTILINE)
 _NEEDED_BY = re.compile(r"^    #(?: via)?  *(.+)$")
 _OURS = "imu-probe (pyproject.toml"
 
@@ -50,20 +50,8 @@ def name_of(requirement: str) -> str:
 
 def read(text: str) -> list[Locked]:
     """One for each package and marker."""
-    return [_locked(part) for part in _parts(text)]
-
-
-def _parts(text: str) -> Iterator[list[str]]:
-    part: list[str] = []
-    for line in text.splitlines():
-        if _FIRST.match(line):
-            if part:
-                yield part
-            part = []
-        if part or _FIRST.match(line):
-            part.append(line)
-    if part:
-        yield part
+    _, *packages = _BEFORE_EACH.split(text)
+    return [_locked(package.splitlines()) for package in packages]
 
 
 def _locked(lines: list[str]) -> Locked:
