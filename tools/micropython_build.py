@@ -15,10 +15,11 @@ import argparse
 import fcntl
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+import quietly
 
 ROOT = Path(__file__).resolve().parent.parent
 # It may run before imud is installed.
@@ -208,12 +209,10 @@ def compile_file(source: Path, target: Path, name: str, arch: str) -> None:
 
 def run(*command: object) -> str:
     """Run a command and return what it said; if it fails, exit with that."""
-    done = subprocess.run(
-        list(map(str, command)), cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = quietly.run(*command, cwd=ROOT)
     if done.returncode:
-        sys.exit(f"{done.stdout}{done.stderr}\n{' '.join(map(str, command))} failed")
-    return done.stdout + done.stderr
+        sys.exit(f"{done.stdout}\n{' '.join(map(str, command))} failed")
+    return done.stdout
 
 
 if __name__ == "__main__":

@@ -399,10 +399,7 @@ def _lines_of(tree: Path, test: str) -> dict[str, list[int]]:
 
 def _equivalents() -> set[tuple[str, str, str]]:
     """Changes that change nothing, with the reason in the file."""
-    path = ROOT / EQUIVALENTS
-    if not path.exists():
-        return set()
-    table = tomllib.loads(path.read_text("utf-8"))
+    table = tomllib.loads((ROOT / EQUIVALENTS).read_text("utf-8"))
     return {
         (each["file"], each["before"], each["after"])
         for each in table.get("equivalent", ())
