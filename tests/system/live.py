@@ -9,6 +9,7 @@ import signal
 import subprocess
 from typing import Any
 
+from fakes import PATIENCE_S
 from imud.client import Client
 from system.virtual import Stub
 
@@ -20,6 +21,7 @@ class LiveProbe:
         self.port = stub.folder / "probe"
         self.summary = stub.folder / "live.json"
         words = ["--image", stub.image, "--pty", self.port, "--summary", self.summary]
+        words += ["--seconds", PATIENCE_S]  # not only until its motion is over
         self.process = subprocess.Popen(
             [str(stub.simulator), *map(str, [*words, *options])],
             stderr=subprocess.PIPE,

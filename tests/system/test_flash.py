@@ -57,6 +57,9 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     endpoint = free_endpoint()
     monkeypatch.setattr(reached, "ENDPOINT", endpoint)
     monkeypatch.setattr("imud.cli.arguments.ENDPOINT", endpoint)
+    # A busy machine holds up a board, which is waited for.
+    for name in ("check_ports.START_S", "check_ports.PROBE_S", "flash_params.PARAMS_S"):
+        monkeypatch.setattr(f"imud.cli.{name}", PATIENCE_S)
     return tmp_path / "state" / "imud" / "flash"
 
 
