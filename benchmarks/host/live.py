@@ -73,10 +73,8 @@ def live(
     keys: Path | None = None,
     beside: BaseProcess | None = None,
 ) -> dict[str, Any]:
-    """Run a daemon with probes and a subscriber, and a process beside it.
-
-    `command`: the words that start the daemon with these ports; `keys`: the file of the
-    subscriber's.
+    """Run a daemon with probes and a subscriber, which has a file of `keys`, and a
+    process beside it. `command`: the words that start the daemon with these ports.
     """
     spawn = multiprocessing.get_context("spawn")
     to_feeder, feeder_end = spawn.Pipe()
