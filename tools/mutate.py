@@ -191,10 +191,10 @@ def _tell(room: str, verdicts: Sequence[Verdict]) -> int:
     tried = by["noticed"] + len(missed)
     sys.stdout.write(
         f"{room}: {by['noticed']} of {tried} noticed, {by['endless']} took "
-        f"{PATIENCE:g} times as long and were ended; "
+        f"{PATIENCE:g} times as long; "
         f"{by['equivalent']} change nothing, {by['not compiled']} do not compile\n"
     )
-    return 1 if missed else 0
+    return 1 if by["unnoticed"] else 0
 
 
 _WORDS = ("noticed", "unnoticed", "endless", "equivalent", "not compiled")

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // A probe's computation alone, for each processor in its emulator: the frames of a log
 // come in over the wire, the poses that its samples give go out. Each frame is answered
-// with one zero, be it a pose's delimiter: so the host knows when to send the next. The
-// first zero answers the host's first byte, of no frame.
+// with one zero, be it a pose's delimiter: so the host knows when to send the next. One
+// answers its first byte.
 #include <string.h>
 
 #include "board.h"

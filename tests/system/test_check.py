@@ -247,9 +247,10 @@ def test_a_port_is_checked_without_a_daemon(
     of_the_host = {"latency", "messages lost", "clock"}
     others = {row["verdict"] for name, row in rows.items() if name not in of_the_host}
     assert others == {"good", "not judged"}, told
-    assert code == (report["verdict"] == "fault")
+    assert code == any(rows[name]["verdict"] == "fault" for name in of_the_host)
     assert "not judged: button, LED; " in told, told
-    assert rows["clock"]["numbers"]["bound_ppm"] > 0
+    if rows["clock"]["verdict"] == "good":
+        assert rows["clock"]["numbers"]["bound_ppm"] < 5000
     assert rows["port"]["measured"] == "a pty: a virtual probe"
     assert summary["seconds"] > 5
     for text in (markdown, json.dumps(report)):

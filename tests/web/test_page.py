@@ -315,8 +315,6 @@ def test_a_lost_daemon_is_said_at_once_and_its_return_heals_the_page(
     desk.restart_daemon()
     shown.page.wait_for_selector('.link[data-state="open"]')
     assert shown.page.locator(".banner").is_hidden()
-    shown.until(
-        "!globalThis.imud.model.probe.isStale(performance.now())",
-    )
+    shown.until("!globalThis.imud.model.probe.isStale(performance.now())")
     refused = "ERR_CONNECTION_REFUSED"
     shown.complaints[:] = [each for each in shown.complaints if refused not in each]
