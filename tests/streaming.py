@@ -6,13 +6,12 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from typing import Any, ClassVar, Self
 
-from fakes import FakeProbe, Port
+from fakes import FakeProbe, Forked, Port
 from imud.client import Client
 
 
@@ -23,12 +22,8 @@ class Process:
 
     def __init__(self, code: str, endpoint: str) -> None:
         self.made.append(self)
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", code, endpoint],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        pipe = subprocess.PIPE
+        self._process = Forked("-c", code, endpoint, stdin=pipe, stdout=pipe)
         assert self._process.stdout is not None
         assert self._process.stdout.readline() == "up\n"
 

@@ -8,6 +8,7 @@ from fakes.daemon import (
     free_endpoint,
     status_of,
 )
+from fakes.forked import Forked
 from fakes.messages import COMMAND, EQUIPMENT, EXAMPLES, HELLO, POSE
 from fakes.port import PATIENCE_S, SOON_S, Port
 from fakes.probe import FakeProbe
@@ -23,6 +24,7 @@ __all__ = [
     "SOON_S",
     "DaemonProcess",
     "FakeProbe",
+    "Forked",
     "Port",
     "Stopwatch",
     "assert_honest",

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Self
 
+from fakes.forked import Forked
 from fakes.port import Port
 from fakes.probe import FakeProbe
 from fakes.stopwatch import Stopwatch
@@ -71,19 +72,22 @@ class DaemonProcess:
     ) -> None:
         self.endpoint = endpoint or free_endpoint()
         self.logs = directory / "logs"
-        command = [*before, sys.executable, *program, "run", *map(str, arguments)]
+        command = [*program, "run", *map(str, arguments)]
         command += ["--listen", self.endpoint]
         if log is not None:
             command += ["--log", str(self.logs)] if log else ["--no-log"]
         if page is not None:
             command += ["--page", "127.0.0.1:0"] if page else ["--no-page"]
-        self.process = subprocess.Popen(
-            command,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=directory,
-            env=os.environ | {"XDG_STATE_HOME": str(directory / "state")},
-        )
+        options: dict[str, Any] = {
+            "stderr": subprocess.PIPE,
+            "cwd": directory,
+            "env": os.environ | {"XDG_STATE_HOME": str(directory / "state")},
+        }
+        if before or program[0] not in ("-m", "-c"):
+            command = [*before, sys.executable, *command]
+            self.process = subprocess.Popen(command, text=True, **options)
+        else:
+            self.process = Forked(*command, **options)
         self.lines: list[str] = []
         self._fresh: queue.Queue[str | None] = queue.Queue()
         self._reader = threading.Thread(target=self._read, daemon=True)

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import serial
 
-from fakes import PATIENCE_S
+from fakes import PATIENCE_S, Forked
 from imud import cli
 from imud.cli import check_ports, check_run, check_source, check_turn
 from imud.params.trusted import known_to
@@ -301,8 +301,8 @@ def test_one_that_is_ended_early_leaves_the_board_idle_and_the_port_free(
     stub: Stub, table: Path, by: signal.Signals
 ) -> None:
     probe = LiveProbe(stub, "--motion", table)
-    words = [sys.executable, "-m", "imud", "check", str(probe.port)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as check:
+    words = ("-m", "imud", "check", probe.port)
+    with Forked(*words, stdout=subprocess.PIPE) as check:
         assert check.stdout is not None
         assert "Lay it base down" in check.stdout.readline()
         check.send_signal(by)

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page
 
-from fakes import PATIENCE_S, DaemonProcess, free_address
+from fakes import PATIENCE_S, DaemonProcess, Forked, free_address
 from streaming import until
 
 PHASE = "imud.model.probe?.calibration?.phase"
@@ -32,9 +31,7 @@ def probe_in_a_hand(folder: Path, hand: str) -> Iterator[str]:
     link = folder / "nano"
     words = ["sim", "nano", "--module", "shop", "--hand", hand, "--stream"]
     words += ["--page", f"http://{host}:{port}", "--link", str(link), "--seed", "3"]
-    with subprocess.Popen(
-        [sys.executable, "-P", "-m", "imud", *words], stderr=subprocess.DEVNULL
-    ) as board:
+    with Forked("-m", "imud", *words, stderr=subprocess.DEVNULL) as board:
         try:
             until(link.exists)
             options = (link, "--page", f"{host}:{port}")

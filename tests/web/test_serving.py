@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import socket
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import pytest
 from websockets.sync.client import connect
 
 from chain import Chain
-from fakes import DaemonProcess, FakeProbe, Port
+from fakes import DaemonProcess, FakeProbe, Forked, Port
 from imud.config import reader
 from imud.errors import ConfigError
 from web.served import Live
@@ -46,13 +45,10 @@ def test_a_taken_port_is_one_line_and_the_page_comes_when_it_is_free(
 
 def test_view_serves_a_daemon_elsewhere_and_passes_commands_on(tmp_path: Path) -> None:
     chain = Chain(tmp_path)
-    view = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "imud", "view", "--no-open"),
-            *("--connect", chain.daemon.endpoint, "--page", "127.0.0.1:0"),
-        ],
+    view = Forked(
+        *("-m", "imud", "view", "--no-open"),
+        *("--connect", chain.daemon.endpoint, "--page", "127.0.0.1:0"),
         stdout=subprocess.PIPE,
-        text=True,
     )
     try:
         assert view.stdout is not None

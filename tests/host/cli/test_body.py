@@ -8,7 +8,6 @@ import json
 import math
 import re
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
+from fakes import Forked
 from fakes.daemon import free_endpoint
 from imud import cli
 from imud.body import chain
@@ -98,8 +98,7 @@ def probes() -> Iterator[Probes]:
 
 @contextlib.contextmanager
 def body(*words: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "imud", "body", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+    with Forked("-m", "imud", "body", *words, stdout=subprocess.PIPE) as program:
         try:
             yield program
         finally:

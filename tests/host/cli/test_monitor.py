@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from fakes import PATIENCE_S, DaemonProcess
+from fakes import PATIENCE_S, DaemonProcess, Forked
 from imud.cli.monitor import BLOCK, MonitorScreen, pipe_line
 from imud.client import Missed, Pose, Status
 from speaking import speaking
@@ -136,8 +136,8 @@ class Terminal:
         self._before = termios.tcgetattr(slave)
         self._slave = slave
         self.text = ""
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "imud", *words],
+        self.process = Forked(
+            *("-m", "imud", *words),
             stdin=slave,
             stdout=slave,
             stderr=slave,

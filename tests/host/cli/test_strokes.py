@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import json
 import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -18,6 +17,7 @@ import jsonschema
 import pytest
 
 from chain import Chain
+from fakes import Forked
 from imud.cli import stroke_lines
 from imud.cli.stroke_lines import line_of, lines_of
 from imud.client import Client
@@ -50,8 +50,7 @@ def test_a_stroke_without_length_says_why() -> None:
 
 @pytest.mark.parametrize("words", [[], ["--json"]])
 def test_strokes_are_printed_as_they_end(chain: Chain, words: list[str]) -> None:
-    command = [sys.executable, "-m", "imud", "strokes", *words]
-    command += ["--connect", chain.daemon.endpoint]
+    words = [*words, "--connect", chain.daemon.endpoint]
     ended = threading.Event()
 
     def speak() -> None:
@@ -61,14 +60,14 @@ def test_strokes_are_printed_as_they_end(chain: Chain, words: list[str]) -> None
             chain.port.write(chain.probe.say("stroke", stroke=7))
 
     speaker = threading.Thread(target=speak)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
+    with Forked("-m", "imud", "strokes", *words, stdout=subprocess.PIPE) as program:
         speaker.start()
         out = cast(IO[str], program.stdout)
         lines = [out.readline() for _ in range(2)]
         ended.set()
         speaker.join()
         program.terminate()
-    if words:
+    if "--json" in words:
         assert [json.loads(line)["stroke"] for line in lines] == [7, 7]
     else:
         assert lines[0].startswith("probe")

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from chain import Chain
-from fakes import PATIENCE_S, FakeProbe, messages
+from fakes import FakeProbe, Forked, messages
 from imud.probes.self_test import verdicts_of
 from imud.probes.sensors import (
     findings_of,
@@ -47,15 +46,9 @@ def becomes(chain: Chain, sensor: str, *who_am_i: int, **fields: Any) -> None:
 
 def output_of(chain: Chain, *names: str) -> str:
     """The output of a command of imud."""
-    command = [sys.executable, "-m", "imud", *names]
-    done = subprocess.run(
-        [*command, "--connect", chain.daemon.endpoint],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    return done.stdout + done.stderr
+    words = ("-m", "imud", *names, "--connect", chain.daemon.endpoint)
+    with Forked(*words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as program:
+        return program.communicate()[0]
 
 
 @pytest.mark.parametrize(

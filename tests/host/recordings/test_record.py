@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import pytest
 
 from chain import Chain
-from fakes import FakeProbe
+from fakes import FakeProbe, Forked
 from imud.client import Delivery
 from imud.log.file import Settings
 from imud.log.reader import METADATA_OF_PROBES, Logged
@@ -145,14 +144,11 @@ FakePose: dict[str, Any] = {
 
 def test_a_recorder_as_a_process_keeps_all_that_a_daemon_says(tmp_path: Path) -> None:
     chain = Chain(tmp_path)
-    process = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "imud", "record", "--json"),
-            *("--connect", chain.daemon.endpoint, "--log", str(tmp_path / "kept")),
-        ],
+    process = Forked(
+        *("-m", "imud", "record", "--json"),
+        *("--connect", chain.daemon.endpoint, "--log", tmp_path / "kept"),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        text=True,
     )
     try:
         assert process.stderr is not None

@@ -13,7 +13,6 @@ import pty
 import select
 import signal
 import subprocess
-import sys
 import termios
 import threading
 import time
@@ -24,7 +23,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, free_endpoint
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Forked, free_endpoint
 from fakes.records import calibrated_records, parts_of
 from imud import cli
 from imud.cli import recordings
@@ -59,10 +58,8 @@ def network(tmp_path: Path) -> Iterator[tuple[Client, str]]:
 
 @contextlib.contextmanager
 def playing(*words: object) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "imud", "replay", *map(str, words)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    pipe = subprocess.PIPE
+    process = Forked("-m", "imud", "replay", *words, stdout=pipe, stderr=pipe)
     try:
         yield process
     finally:
@@ -236,11 +233,9 @@ def test_on_a_terminal_a_bar_shows_how_far_it_is(tmp_path: Path, what: str) -> N
         "recovering": ["recover"],
         "reading": ["info"],
     }[what]
-    command = [sys.executable, "-m", "imud", words[0], str(path), *words[1:]]
+    command = ("-m", "imud", words[0], path, *words[1:])
     master, slave = pty.openpty()
-    with subprocess.Popen(
-        command, stderr=slave, stdout=subprocess.PIPE, text=True
-    ) as process:
+    with Forked(*command, stderr=slave, stdout=subprocess.PIPE) as process:
         os.close(slave)
         assert process.stdout is not None
         if what == "replaying":

@@ -6,13 +6,13 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import tty
 from pathlib import Path
 
 import pytest
 
 from demanded import BUILT
+from fakes import Forked
 from imud import cli
 from imud.recordings import decode
 from imud.virtual import sensors
@@ -54,11 +54,7 @@ def test_its_serial_port_appears_speaks_and_goes(
     simulator, image = boards[board]
     link = tmp_path / "port"
     words = ["--simulator", simulator, "--image", image, "--link", link]
-    with subprocess.Popen(
-        [sys.executable, "-m", "imud", "sim", board, *map(str, words)],
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+    with Forked("-m", "imud", "sim", board, *words, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         assert process.stderr.readline().startswith(f"ready {link} ")
         port = os.open(link, os.O_RDWR | os.O_NOCTTY)
