@@ -83,6 +83,7 @@ def version(folder: Path) -> object:
     return json.loads((folder / "manifest.json").read_text())["images"][0]["version"]
 
 
+@pytest.mark.nightly
 def test_the_image_is_the_same_byte_by_byte_with_the_official_flags(
     with_ours: Path, image: Path
 ) -> None:
@@ -94,7 +95,6 @@ def test_the_image_is_the_same_byte_by_byte_with_the_official_flags(
     assert images[0] == images[1]
 
 
-# By day, the bytes of the image above show a change that lets these flags in.
 @pytest.mark.nightly
 def test_without_our_unflags_it_is_larger_and_files_lie_elsewhere(
     with_ours: Path, without_ours: Path

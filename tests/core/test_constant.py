@@ -115,6 +115,7 @@ def constants(path: Path) -> list[str]:
 SOURCES = sorted(path for path in CORE.rglob("*.[ch]") if constants(path))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
 def test_constants_are_the_same_on_every_compiler(path: Path, tmp_path: Path) -> None:
     names = constants(path)

@@ -76,6 +76,7 @@ def test_a_bias_is_learned_from_motion_where_no_rest_has_told_it():
     assert rms(desk.tilt_deg(found, felt.quat)[4000:]) < 0.5
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("scales", [(1.004, 1.004, 1.004), (1.03, 0.98, 1.01)])
 def test_the_scales_of_the_gyroscope_are_learned_from_motion(scales):
     felt = scene(tumble(180, 200, 6), 200, seed=4)
@@ -116,6 +117,7 @@ def test_without_readings_what_the_gyroscope_tells_of_the_heading_stays_possible
         assert abs(shared) <= np.sqrt(float(variance) * variances[6])
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("behind", [0, 1, 2, 4])
 def test_the_lag_of_the_field_is_learned_from_motion(behind):
     felt = scene(tumble(120, 200, 9), 200, seed=8)

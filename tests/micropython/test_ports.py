@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.sampled(3)
+# By day the images of two boards are built with it.
+pytestmark = pytest.mark.nightly
 
 # What py/usermod.cmake of MicroPython does with USER_C_MODULES.
 PROJECT = """

@@ -32,7 +32,8 @@ bias_uT = [20, -10, 5]
 """
 
 
-@pytest.mark.sampled(48)
+# By day the same hand and guide find mountings without a board between them.
+@pytest.mark.nightly
 @pytest.mark.parametrize("board", ["nano", "f405"])
 @pytest.mark.parametrize("mount", ALL, ids=lambda each: each.name)
 def test_a_mounted_module_goes_through_the_guide(

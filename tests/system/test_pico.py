@@ -71,7 +71,7 @@ def assert_the_poses_are_the_hosts(done: Run, at_least: int) -> None:
 
 @pytest.mark.parametrize("wire", ["usb", "uart"])
 def test_its_poses_are_in_every_bit_those_of_the_host(pico: Stub, wire: str) -> None:
-    seconds = choose(everyday=9, long=600)
+    seconds = choose(everyday=7, long=600)
     done = followed(pico, seconds, "--wire", wire)
     assert_the_poses_are_the_hosts(done, 100 * (seconds - 2))
     assert_nothing_is_lost(done)
@@ -81,7 +81,7 @@ def test_its_poses_are_in_every_bit_those_of_the_host(pico: Stub, wire: str) -> 
 def test_without_a_data_ready_wire_it_asks_and_its_times_are_those_of_the_edges(
     pico: Stub,
 ) -> None:
-    seconds = choose(everyday=9, long=60)
+    seconds = choose(everyday=4, long=60)
     wired = followed(pico, seconds)
     done = followed(pico, seconds, "--ready", "none")
     assert_the_poses_are_the_hosts(done, 100 * (seconds - 2))

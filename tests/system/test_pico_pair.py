@@ -29,6 +29,8 @@ ROOT = Path(__file__).resolve().parents[2]
 SIMULATOR, IMAGE = ROOT / VIRTUAL.simulator, ROOT / VIRTUAL.image
 PAIR = ("--sensor", "lsm6dsox")
 PERIOD_US = 32e6 / 6667  # the sensor's clock, divided by 32
+PAIRED = dataclasses.replace(PICO, rate_hz=208)
+SECONDS = choose(everyday=5, long=60)
 
 if not (SIMULATOR.exists() and IMAGE.exists()):
     leave_out("the virtual Pico is not there", is_whole_file=True)
@@ -36,14 +38,27 @@ if not (SIMULATOR.exists() and IMAGE.exists()):
 
 @pytest.fixture
 def pico(tmp_path: Path) -> Stub:
-    board = dataclasses.replace(PICO, rate_hz=208)
-    return Stub(board, SIMULATOR, IMAGE, tmp_path)
+    return Stub(PAIRED, SIMULATOR, IMAGE, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+    """The same seconds in a hand, with a data-ready wire and without."""
+    found = {}
+    for ready in ("wire", "none"):
+        folder = tmp_path_factory.mktemp(ready)
+        stub = Stub(PAIRED, SIMULATOR, IMAGE, folder)
+        words = ("--motion", write_hand(folder / "hand", SECONDS), *CLICK)
+        words += (*stub.raw_too, *PAIR, "--ready", ready)
+        found[ready] = run(stub, SECONDS, *words)
+    return found
 
 
 @pytest.mark.parametrize("ready", ["wire", "none"])
-def test_the_pair_is_found_and_its_poses_are_the_hosts(pico: Stub, ready: str) -> None:
-    seconds = choose(everyday=9, long=60)
-    done = followed(pico, seconds, *PAIR, "--ready", ready)
+def test_the_pair_is_found_and_its_poses_are_the_hosts(
+    runs: dict[str, Run], ready: str
+) -> None:
+    done = runs[ready]
     hello = done.named("hello")[-1].fields
     assert hello["sensor"] == "lsm6dsox"
     assert list(hello["who_am_i"]) == [0x6C, 0x3D]
@@ -51,7 +66,7 @@ def test_the_pair_is_found_and_its_poses_are_the_hosts(pico: Stub, ready: str) -
     assert set(hello["self_test"]) == passed
     assert not {"bus_fault", "sensor_fault"} & {event for event, _ in done.events}
     assert (("data_ready_polled", "no_data_ready") in done.events) == (ready == "none")
-    assert_the_poses_are_the_hosts(done, 100 * (seconds - 3))
+    assert_the_poses_are_the_hosts(done, 100 * (SECONDS - 3))
     raws = done.named("raw")
     times = np.array([raw.time_us for raw in raws])
     assert np.diff(times) == pytest.approx(1e6 / 208, abs=250)
@@ -61,15 +76,10 @@ def test_the_pair_is_found_and_its_poses_are_the_hosts(pico: Stub, ready: str) -
 
 
 def test_without_a_wire_times_are_those_of_the_edges_and_poses_as_good(
-    pico: Stub,
+    runs: dict[str, Run],
 ) -> None:
-    seconds = 9
-    hand = sensors.generate(seconds, seed=3)
-    words = ("--motion", write_hand(pico.folder / "hand", seconds, seed=3), *CLICK)
-    wired, polled = (
-        run(pico, seconds, *words, *pico.raw_too, *PAIR, "--ready", ready)
-        for ready in ("wire", "none")
-    )
+    hand = sensors.generate(SECONDS, seed=3)
+    wired, polled = runs["wire"], runs["none"]
     # The sensor's clock is the same in both.
     edges_us, times_us = (
         np.array([raw.time_us for raw in done.named("raw")]) for done in (wired, polled)

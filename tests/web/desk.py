@@ -224,14 +224,19 @@ class Seen:
 
 
 @contextlib.contextmanager
-def seen(browser: Browser, desk: Desk, **options: Any) -> Iterator[Seen]:
-    """The page, opened; it must not complain or ask for anything elsewhere."""
+def seen(
+    browser: Browser, desk: Desk, view: str = "probe", **options: Any
+) -> Iterator[Seen]:
+    """The page, opened at a view; it must not complain or ask for anything elsewhere.
+
+    Two views draw in three dimensions, which without a GPU costs more than the rest.
+    """
     options = {"viewport": {"width": 800, "height": 480}} | options
     context = browser.new_context(**options)
     context.add_init_script(SLOWLY)
     try:
         found = Seen(context.new_page(), desk.address)
-        found.page.goto(desk.url)
+        found.page.goto(f"{desk.url}#/{view}")
         found.until("Boolean(globalThis.imud?.model.probe?.pose)")
         yield found
         assert not found.elsewhere, found.elsewhere

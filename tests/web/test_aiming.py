@@ -153,7 +153,7 @@ def _forgets(shown: Seen) -> None:
         "['targets', 'target', 'reached'].forEach("
         "(name) => localStorage.removeItem(`imud.${name}`))"
     )
-    shown.page.evaluate("location.hash = '#/probe'")
+    shown.page.evaluate("location.hash = '#/aim'")
     shown.page.reload()
     shown.until("Boolean(globalThis.imud?.model.probe?.pose)")
 
@@ -166,7 +166,8 @@ def test_chart_and_words_keep_apart_on_every_screen(
     width, height = size
     # All that it can say is there: a target, and advice.
     desk.hand.turn(LEVEL, tilt_sigma=4.0, heading_sigma=8.0, pose_flags=())
-    with seen(browser, desk, viewport={"width": width, "height": height}) as shown:
+    viewport = {"width": width, "height": height}
+    with seen(browser, desk, "probes", viewport=viewport) as shown:
         shown.page.evaluate(TARGET)
         shown.page.evaluate("location.hash = '#/aim'")
         says(shown, ADVICE, "The error can't be below")

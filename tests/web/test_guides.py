@@ -62,8 +62,7 @@ def shown(browser: Browser, desk: Desk) -> Iterator[Seen]:
     with Client(desk.daemon.endpoint) as client:
         name = client.wait_for(seconds=PATIENCE_S)
         client.change_params(name, CALIBRATED.encode())
-    with seen(browser, desk) as found:
-        found.page.evaluate("location.hash = '#/calibrate'")
+    with seen(browser, desk, "calibrate") as found:
         yield found
 
 

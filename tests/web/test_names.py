@@ -21,8 +21,7 @@ def test_a_probe_is_followed_to_its_new_name_on_every_page(
     choice = shown.page.locator("[aria-label=Probe] option")
     shown.until("imud.model.probe.status !== null")
     assert choice.all_inner_texts() == ["nano-66aa"]
-    with seen(browser, desk) as other:
-        other.page.evaluate("location.hash = '#/aim'")
+    with seen(browser, desk, "aim") as other:
         other.page.evaluate("imud.states = []")
         other.page.evaluate(
             "imud.link.addEventListener('state', () => imud.states.push(0))"

@@ -89,7 +89,7 @@ def test_a_clipped_force_costs_no_heading():
     assert headings[1] > 0.03
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", GAITS)
 def test_rests_are_found_and_the_stated_error_holds_from_strolling_to_sprinting(
     name: str,

@@ -43,7 +43,7 @@ from imud.virtual.modules import shop
 from imud.virtual.motions.module import MG, Module
 
 TURNED = named("back,left")  # upside down
-pytestmark = pytest.mark.sampled(6)
+pytestmark = pytest.mark.sampled(12)
 EVERY = pytest.mark.parametrize("mount", ALL, ids=lambda each: each.name)
 
 

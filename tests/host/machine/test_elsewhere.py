@@ -122,6 +122,7 @@ def has_to_answer(command: str) -> bool:
     return command in ("start", "stop", "tare", "restart")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", BESIDE)
 def test_a_command_beside_a_daemon(command: str, chain: Desk, tmp_path: Path) -> None:
     words, says = BESIDE[command]
@@ -157,6 +158,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("command", ALONE)
 def test_a_command_alone(command: str, log: Path, tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(log.read_bytes())

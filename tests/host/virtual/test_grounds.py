@@ -22,7 +22,7 @@ from imud.virtual.motions.ride import RATE_HZ, Ride, times
 
 UP = np.array([0.0, 0.0, GRAVITY_M_S2])
 
-pytestmark = pytest.mark.sampled(3)
+pytestmark = pytest.mark.sampled(6)
 each_ground = pytest.mark.parametrize("name", GROUNDS)
 
 

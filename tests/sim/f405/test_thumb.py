@@ -63,7 +63,7 @@ def compare(program: Path, seed: int, cases: int) -> subprocess.CompletedProcess
 @pytest.mark.long
 @pytest.mark.parametrize("seed", choose(everyday=[1], long=[1, 2, 3]))
 def test_each_instruction_leaves_behind_what_libunicorns_does(seed: int) -> None:
-    cases = choose(everyday=25_000, long=100_000)
+    cases = choose(everyday=6_000, long=100_000)
     done = compare(twin(), seed, cases)
     assert done.returncode == 0, done.stdout
     run = [int(count) for count in re.findall(r"run (\d+)", done.stdout)]
