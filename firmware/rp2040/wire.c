@@ -87,13 +87,13 @@ static bool uart_is_idle(void) {
 
 // USB
 
-// Unread bytes are not for the next program that opens the port.
+// A host sets this when a program opens the port, even if DTR is still active from the
+// one before, as imud leaves it. Unread bytes are not for the next program.
 void tud_cdc_line_state_cb(uint8_t port, bool is_open, bool rts) {
     (void)port;
+    (void)is_open;
     (void)rts;
-    if (!is_open) {
-        (void)tud_cdc_write_clear();
-    }
+    (void)tud_cdc_write_clear();
 }
 
 void tud_cdc_line_coding_cb(uint8_t port, const cdc_line_coding_t *coding) {
