@@ -323,7 +323,9 @@ class LiveBody:
                     parent=segment.parent,
                     probe=segment.probe,
                     presence=presences[name],
-                    age_us=None if last_s is None else round((now_s - last_s) * 1e6),
+                    age_us=None
+                    if last_s is None
+                    else max(0, round((now_s - last_s) * 1e6)),
                     q=(w, x, y, z) if is_there else None,
                     start_m=place(places.get(f"{name}.start")) if is_there else None,
                     end_m=marks.pop("end", None),

@@ -9,7 +9,7 @@ import random
 import re
 import secrets
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from operator import itemgetter
 from typing import Any
 
@@ -113,14 +113,15 @@ class Asking:
 
     def __init__(self, chance: random.Random) -> None:
         self._chance = chance
-        self.due_s = 0.0
+        self.asked_s = -TIME_LATE_S  # loop's time of the last one
+        self._share = 1.0  # of the usual pause
         self.unanswered = 0
         self.count = 0
         self.asked: dict[int, int] = {}  # token: host's ns when it was written
         self.size = 0  # bytes of the command
 
-    def put_off(self, stamp: Stamp | None, now_s: float) -> None:
-        """Sets when it is asked again; `now_s` is the loop's time."""
+    def due_s(self, stamp: Stamp | None) -> float:
+        """The loop's time at which it is asked again, by what is known now."""
         bound_ns = stamp.t_bound_ns if stamp is not None else None
         is_known = bound_ns is not None and bound_ns < TIME_BOUND_NS
         wait_s = TIME_FIRST_S if self.count < FIRST else TIME_WIDE_S
@@ -128,10 +129,15 @@ class Asking:
             wait_s = TIME_S
         if self.unanswered > UNANSWERED:
             wait_s = min(TIME_S * 2.0 ** (self.unanswered - UNANSWERED), TIME_LATE_S)
+        return self.asked_s + wait_s * self._share
+
+    def put_off(self, now_s: float) -> None:
+        """It is asked now."""
         self.unanswered += 1
         self.count += 1
+        self.asked_s = now_s
         # At random, so as not to keep in step with what delays the replies.
-        self.due_s = now_s + wait_s * self._chance.uniform(0.7, 1.3)
+        self._share = self._chance.uniform(0.7, 1.3)
 
 
 class Commander:
@@ -208,17 +214,21 @@ class Commander:
                     key = f"{parameters['stream']}_rate"
                     entry.probe.hello[key] = int(parameters["hz"])
 
-    async def keep_time(self) -> None:
-        """Asks all probes for their time until it is cancelled."""
+    async def keep_time(self, look: Callable[[], None]) -> None:
+        """Asks all probes for their time until it is cancelled; calls `look` each time
+        that it looks which are due.
+        """
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(TIME_STEP_S * self._chance.uniform(0.5, 1.5))
+            look()
             now_s = loop.time()
             due = []
             for entry in self._registry:
                 asking = self._asking.setdefault(entry, Asking(self._chance))
-                if now_s >= asking.due_s and self._may_ask(entry):
-                    due.append((asking.due_s, entry, asking))
+                due_s = asking.due_s(entry.stamp)
+                if now_s >= due_s and self._may_ask(entry):
+                    due.append((due_s, entry, asking))
             due.sort(key=itemgetter(0))
             for _, entry, asking in due[:TIME_MAX]:
                 self._ask_time(entry, asking, now_s)
@@ -236,7 +246,7 @@ class Commander:
         asking.asked[token] = host_ns()
         while len(asking.asked) > ASKED_MAX:
             del asking.asked[next(iter(asking.asked))]
-        asking.put_off(entry.stamp, now_s)
+        asking.put_off(now_s)
         # The link tells itself what is wrong with its port.
         with contextlib.suppress(PortLost):
             asking.size = self._send(entry.port, "time", token, (0, 0))

@@ -108,7 +108,9 @@ class Daemon:
             self._notifier.ready()
             serving = [asyncio.create_task(self._finder.run())]
             serving.append(asyncio.create_task(self._watch()))
-            serving.append(asyncio.create_task(self._commander.keep_time()))
+            serving.append(
+                asyncio.create_task(self._commander.keep_time(self._intake.look))
+            )
             stopping = asyncio.create_task(stop.wait())
             # None of these tasks should end: one that does has failed, and its error is
             # shown.

@@ -17,8 +17,9 @@ import msgspec
 
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import RecordPublisher
-from imud.daemon.registry import Registry
-from imud.probes.timeline import Timeline, host_ns
+from imud.daemon.registry import ProbeEntry, Registry
+from imud.probes.clock import Refit
+from imud.probes.timeline import Timeline, host_ns, slept_ns
 
 STA_UNSYNC = 0x0040  # of `status`, linux/timex.h
 TIME_ERROR = 5  # the return value of a clock that is not synchronised
@@ -83,6 +84,11 @@ def sync_of_host() -> Sync:
 
 CLOCK = "clock"  # topic of the records
 
+# From a sleep of this length on it is told. imud looks every 0.05 s; a busy machine
+# lets it wait for longer, which is a fault from this length on.
+SLEPT_NS = 100_000_000
+STOOD_NS = 2_000_000_000
+
 
 class HostClock:
     """The timeline that all sessions share, and who hears of its steps."""
@@ -95,7 +101,8 @@ class HostClock:
         self._lines = lines
         # Use the reading with the least time between both clocks.
         self.timeline = Timeline(max(time.time_ns() - host_ns() for _ in range(5)))
-
+        self._looked_ns: int | None = None  # host's time
+        self._slept_ns = slept_ns()
         self.sync = Sync("")
         self.look()
 
@@ -112,18 +119,42 @@ class HostClock:
         return self.timeline.utc(host_ns())
 
     def follow(self) -> None:
-        """Checks whether the host's clock was set. To be called before messages are
-        dated.
+        """Checks whether the host's clock was set, and whether imud could run. To be
+        called before messages are dated, and several times a second.
         """
         before_ns, utc_ns = host_ns(), time.time_ns()
+        self._notice_pause(before_ns)
         before = self.timeline.number
         step_ns = self.timeline.follow(before_ns, utc_ns, host_ns())
         if step_ns == 0:
             return
         is_anew = self.timeline.number != before
         self._lines.clock_set(step_ns, is_anew=is_anew)
-        t_ns = self.now_ns()
         for entry in self._registry:
-            number = self.timeline.number
-            values = {"t_ns": t_ns, "step_ns": step_ns, "timeline": number}
-            self._publisher.say(entry, CLOCK, values, t_ns)
+            self._say(entry, step_ns, "set")
+
+    def notice_refit(self, entry: ProbeEntry, refit: Refit) -> None:
+        """Tells that the time of a probe was wrong."""
+        self._lines.refit(entry, refit)
+        self._say(entry, refit.step_ns, refit.reason)
+
+    def _notice_pause(self, now_ns: int) -> None:
+        """Silence of a time in which imud did not run is nobody's."""
+        slept, self._slept_ns = slept_ns() - self._slept_ns, slept_ns()
+        looked_ns, self._looked_ns = self._looked_ns, now_ns
+        stood_ns = 0 if looked_ns is None else now_ns - looked_ns - slept
+        for pause_ns, least_ns, reason in (
+            (slept, SLEPT_NS, "slept"),
+            (stood_ns, STOOD_NS, "stood_still"),
+        ):
+            if pause_ns < least_ns:
+                continue
+            self.timeline.woke_ns = now_ns
+            self._lines.paused(pause_ns, reason)
+            for entry in self._registry:
+                self._say(entry, pause_ns, reason)
+
+    def _say(self, entry: ProbeEntry, step_ns: int, reason: str) -> None:
+        t_ns, number = self.now_ns(), self.timeline.number
+        about = {"step_ns": step_ns, "timeline": number, "reason": reason}
+        self._publisher.say(entry, CLOCK, {"t_ns": t_ns, **about}, t_ns)

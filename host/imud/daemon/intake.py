@@ -73,6 +73,18 @@ class Intake:
         self._read_ns = read_ns
         self._clock.follow()
 
+    def look(self) -> None:
+        """Whether imud could run, and the host's clock was set; often, also if nothing
+        is read.
+        """
+        self._clock.follow()
+
+    def _follow_clock(self, entry: ProbeEntry) -> None:
+        clock = entry.probe.clock
+        entry.refits = clock.refits
+        if clock.refits:  # not of a boot that has just begun
+            self._clock.notice_refit(entry, clock.refit)
+
     def probe(self, probe_id: str) -> Probe:
         """The one of that id, whichever port it speaks on."""
         entry = self.registry.add(probe_id)
@@ -192,6 +204,8 @@ class Intake:
             is_frame_only=is_replaced,
         )
         self._publisher.put(entry, record)
+        if probe.clock.refits != entry.refits:
+            self._follow_clock(entry)
         if message.name == "pose" and not is_replaced:
             entry.poses += 1
             entry.take_pose(record.values)

@@ -9,6 +9,7 @@ from imud.daemon.registry import ProbeEntry, ProbePort
 from imud.defaults import PROBES_MAX
 from imud.journal.output import Journal
 from imud.journal.phrases import FAULTS, event_words, port_problem, who
+from imud.probes.clock import Refit
 from imud.probes.ledger import FrameVerdict
 from imud.probes.record import plain
 from imud.probes.sensors import SensorFinding
@@ -154,6 +155,26 @@ class ProbeLines:
             f"this machine's clock was set by {step_ns / 1e9:+.3f} s{follow}",
             is_warning=True,
         )
+
+    def paused(self, pause_ns: int, reason: str) -> None:
+        """The machine slept, or imud did not run on it."""
+        who = "this machine slept" if reason == "slept" else "imud itself stood still"
+        pause_s = pause_ns / 1e9
+        text = f"{who} for {pause_s:.{0 if pause_s > 10 else 1}f} s"
+        self._journal.write(("pause", reason), text, is_warning=reason != "slept")
+
+    def refit(self, entry: ProbeEntry, refit: Refit) -> None:
+        """Its time was wrong, and is no longer."""
+        by = f"{abs(refit.step_ns) / 1e9:.1f} s"
+        words = f"its first messages came {by} late"
+        if refit.reason != "late":
+            changed = "gained" if refit.step_ns < 0 else "lost"
+            words = (
+                f"its clock {changed} {by} against this machine's: one of them jumped"
+            )
+            words += " or stood still, as in a virtual machine that was paused"
+        text = f"probe {entry.name}: {words}; its time stamps are right again"
+        self._journal.write(("refit", entry.name), text, is_warning=True)
 
     def synchronised(self, *, is_so: bool) -> None:
         words = (

@@ -103,6 +103,7 @@ class ProbeEntry:
         self.heard_ns = -1  # host's time of the latest message
         self.last_heard_ns = 0  # UTC
         self.stamp: Stamp | None = None  # of the latest message
+        self.refits = 0  # of its clock that were told
         self.corrupt_before = 0  # on ports that it has left
         self.reported_losses: tuple[int, int, int, int] = (0, 0, 0, 0)
         self.commanding = asyncio.Lock()  # held while a command waits for its reply

@@ -51,7 +51,7 @@ def status_of(
     return {
         "probe_id": entry.probe.probe_id,
         "t_ns": timeline.utc(now_ns),
-        "state": _state(entry, now_ns),
+        "state": _state(entry, timeline, now_ns),
         "port": entry.port.name if entry.port is not None else None,
         "pose_rate_hz": round(entry.pose_rate_hz, 1),
         "quality": _quality(entry),
@@ -79,13 +79,13 @@ def _quality(entry: ProbeEntry) -> dict[str, Any]:
     }
 
 
-def _state(entry: ProbeEntry, now_ns: int) -> str:
+def _state(entry: ProbeEntry, timeline: Timeline, now_ns: int) -> str:
     """The probe's own word, unless it can't be heard."""
     if entry.port is None:
         return "gone"
     if entry.other is not None:
         return "other schema"
-    if now_ns - entry.heard_ns >= 3 * STATUS_S * 1e9:
+    if timeline.silence(entry.heard_ns, now_ns) >= 3 * STATUS_S * 1e9:
         return "silent"
     return str(entry.counters.get("state", "unknown"))
 

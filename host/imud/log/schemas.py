@@ -159,7 +159,7 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         records={"type": ["string", "null"]},
     ),
     "status": _object(**_ABOUT),
-    "clock": _object(**_ABOUT, step_ns=_COUNT, timeline=_COUNT),
+    "clock": _object(**_ABOUT, step_ns=_COUNT, timeline=_COUNT, reason=_TEXT),
     "params": _object(
         **_ABOUT,
         probe_id=_TEXT,

@@ -15,7 +15,6 @@ import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO
 
@@ -29,13 +28,50 @@ PORT_ERRORS = (termios.error, OSError, ValueError)
 # Whether a program that is started can get open sockets.
 HANDS_ON_SOCKETS = True
 
-# The host's time in ns, from its oscillator, which nothing sets or slews. NTP changes
-# the rate of CLOCK_MONOTONIC by up to 500 ppm, which would look like a jump of
-# the probe's clock.
-host_clock_ns = partial(
-    time.clock_gettime_ns,
-    getattr(time, "CLOCK_MONOTONIC_RAW", time.CLOCK_MONOTONIC),
-)
+_UP = time.CLOCK_MONOTONIC
+if hasattr(time, "CLOCK_BOOTTIME"):  # Linux
+    _CLOCKS = time.CLOCK_MONOTONIC_RAW, time.CLOCK_BOOTTIME, _UP
+elif hasattr(time, "CLOCK_UPTIME_RAW"):  # macOS, whose raw clock counts sleep
+    _CLOCKS = time.CLOCK_UPTIME_RAW, time.CLOCK_MONOTONIC_RAW, time.CLOCK_UPTIME_RAW
+else:
+    _CLOCKS = getattr(time, "CLOCK_MONOTONIC_RAW", _UP), _UP, _UP
+# Two clocks are read at most so far apart, mostly; a sleep is longer.
+_APART_NS, _READINGS = 100_000, 5
+
+
+class _HostClock:
+    """The host's time in ns: of its oscillator, and of the time that it slept.
+
+    Nothing sets or slews the oscillator: NTP changes the rate of CLOCK_MONOTONIC by up
+    to 500 ppm, which would look like a jump of the probe's clock. It stands still in
+    suspend, and two other clocks differ by that.
+    """
+
+    def __init__(self) -> None:
+        self._oscillator, self._counting, self._standing = _CLOCKS
+        self._slept_ns = 0
+
+    def __call__(self) -> int:
+        read = time.clock_gettime_ns
+        # The clock that stands still is read last: a pause in between makes the
+        # difference too small, and the greatest one is right.
+        more_ns = read(self._counting) - read(self._standing) - self._slept_ns
+        if more_ns > _APART_NS:
+            self._slept_ns += max(
+                read(self._counting) - read(self._standing) - self._slept_ns
+                for _ in range(_READINGS)
+            )
+        return read(self._oscillator) + self._slept_ns
+
+    def slept_ns(self) -> int:
+        """How long the machine had slept when the time was read last; 0 where no clock
+        counts that.
+        """
+        return self._slept_ns
+
+
+host_clock_ns = _HostClock()
+slept_ns = host_clock_ns.slept_ns
 
 _CFLAG, _CC = 2, 6  # places in what tcgetattr returns
 

@@ -224,7 +224,8 @@ static int is_news(const struct line *self, int64_t device_us, int64_t host_ns) 
     return (double)gained_ns < expected_ns || host_ns < middle;
 }
 
-static PyObject *moment_of(struct line *self, int64_t device_us) {
+// A message was made before it arrived: `latest` is the greatest time it can have.
+static PyObject *moment_of(struct line *self, int64_t device_us, int64_t latest) {
     int64_t device_ns = 0;
     int64_t host_ns = 0;
     int64_t middle = 0;
@@ -233,6 +234,7 @@ static PyObject *moment_of(struct line *self, int64_t device_us) {
         middle_at(self, device_ns, &middle) != 0) {
         return NULL;
     }
+    host_ns = host_ns < latest ? host_ns : latest;
     if (!self->has_estimate || self->half_ns < 0) {
         return Py_BuildValue("(LO)", (long long)host_ns, Py_None);
     }
@@ -268,14 +270,14 @@ static PyObject *line_date(PyObject *object, PyObject *const *args, Py_ssize_t c
     if (news < 0) {
         return NULL;
     }
-    return news ? Py_NewRef(Py_None) : moment_of(self, device_us);
+    return news ? Py_NewRef(Py_None) : moment_of(self, device_us, host_ns);
 }
 
 static PyObject *line_moment(PyObject *object, PyObject *said) {
     int64_t device_us = 0;
     return number_of(said, &device_us) != 0
                ? NULL
-               : moment_of((struct line *)object, device_us);
+               : moment_of((struct line *)object, device_us, INT64_MAX);
 }
 
 static PyObject *line_middle(PyObject *object, PyObject *said) {
@@ -368,7 +370,8 @@ static PyMethodDef line_methods[] = {
      "ns or -1, spread of the rate) or None."},
     {"date", (PyCFunction)(void (*)(void))line_date, METH_FASTCALL,
      "date($self, device_us, host_ns, /)\n--\n\nThe moment() of a message that arrived "
-     "at `host_ns`; None: the arrival can change the estimate."},
+     "at `host_ns`, which is the latest it can be; None: the arrival can change the "
+     "estimate."},
     {"moment", line_moment, METH_O,
      "moment($self, device_us, /)\n--\n\nThe host's time in ns, and its error bound or "
      "None."},

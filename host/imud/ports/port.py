@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import time
 from collections.abc import Callable, Sequence
 
 from imud.errors import LinkError, PortLost, PortNotFound
@@ -31,10 +30,10 @@ from imud.probes.timeline import host_ns
 # How often the time is checked while a rate is tried.
 LISTEN_S = 0.1
 
-# A port that was found is tried again for LOST_S after it vanished, and is closed for
-# other programs when its probe is silent for SILENT_S.
-LOST_S = 10.0
-SILENT_S = 30.0
+# A port that was found is tried again for LOST_NS after it vanished, and is closed
+# for other programs when its probe is silent for SILENT_NS.
+LOST_NS = 10_000_000_000
+SILENT_NS = 30_000_000_000
 
 
 class Port:
@@ -68,7 +67,7 @@ class Port:
         self._claim = Claim(probes, self)
         self._is_noise_told = False
         self._is_pty = False
-        self._heard_s = 0.0  # monotonic time of the latest good frame
+        self._heard_ns = 0  # host's time of the latest good frame
         self._freed: asyncio.Event | None = None
         self.fault: LinkError | None = None  # why it was given up; None: no probe
         self.had_probe = False
@@ -129,8 +128,11 @@ class Port:
         has_many = len(self._order()) > 1
         if any(isinstance(event, OnlyNoise) for event in events) and has_many:
             self.listen_again()
-        elif not self.is_named and time.monotonic() - self._heard_s > SILENT_S:
+        elif not self.is_named and self._silence_ns(t_ns) > SILENT_NS:
             self._free(None)
+
+    def _silence_ns(self, t_ns: int) -> int:
+        return self._probes.timeline.silence(self._heard_ns, t_ns)
 
     def end(self) -> None:
         """Ends the port's session, if there is one, and passes on its last events."""
@@ -230,9 +232,9 @@ class Port:
         self.end()
         self._link.set_baud(self._order()[0])
         if not self.is_named:
-            since_s = time.monotonic() - self._heard_s
+            since_ns = self._silence_ns(host_ns())
             is_lost = isinstance(error, PortLost | PortNotFound)
-            if not (is_lost and self.had_probe and since_s < LOST_S):
+            if not (is_lost and self.had_probe and since_ns < LOST_NS):
                 self._free(error)
                 return
         # A port that vanished does not exist then: that line was written already.
@@ -250,7 +252,7 @@ class Port:
                 if self.is_named or self.had_probe:
                     self._tell_problem(event, (self.baud,))
                 continue
-            self._heard_s = time.monotonic()
+            self._heard_ns = host_ns()
             if isinstance(event, (OtherSchema, ProbeFound)):
                 self._know(event.probe_id)
             if isinstance(event, OtherSchema):

@@ -48,11 +48,12 @@ class Claim:
 
     def is_held(self, probe_id: str, t_ns: int) -> bool:
         """Whether that probe speaks on another port (host's time)."""
-        return self._probes.holder(probe_id, self._port, t_ns - GONE_NS) is not None
+        since_ns = self._probes.timeline.since(t_ns, GONE_NS)
+        return self._probes.holder(probe_id, self._port, since_ns) is not None
 
     def find(self, probe_id: str) -> Probe:
         """The probe, or a stand-in for one that is ignored on this port."""
-        since_ns = host_ns() - GONE_NS
+        since_ns = self._probes.timeline.since(host_ns(), GONE_NS)
         holder = self._probes.holder(probe_id, self._port, since_ns)
         if not self._probes.has_room(probe_id):
             self._left_out.add(probe_id)

@@ -100,13 +100,13 @@ class UdpPort:
             self.refused[payload] += 1
             return payload
         self.received += 1
+        self._probes.follow_host(t_ns)
         self._heard_ns = t_ns
         if self.peer.sessions != self._sessions:
             self.end()
             self._sessions = self.peer.sessions
         if self.session is None:
             self._begin(address)
-        self._probes.follow_host(t_ns)
         if self.session is not None and payload:
             self._tell(self.session.receive(payload, t_ns))
         return None
@@ -117,7 +117,7 @@ class UdpPort:
         """
         if self.session is None:
             return
-        if t_ns - self._heard_ns > LOST_NS:
+        if self._probes.timeline.silence(self._heard_ns, t_ns) > LOST_NS:
             self.end()
             return
         self._seal(b"")

@@ -34,12 +34,29 @@ QUANTUM_NS = 1_000
 # A device time further ahead than this of those after it was damaged on the way.
 LEAP_NS = 1_000_000_000
 
+# What is known of the time before a longer silence is off by more than a new exchange:
+# with DRIFT_MAX by 0.4 s.
+SILENCE_US = 600_000_000
+
+# An estimate that is later by more than this than a message of that time arrived is not
+# approached slowly.
+JUMP_NS = 100_000_000
+# Late messages that are told; a busy machine reads the first ones late, too.
+LATE_NS = 1_000_000_000
+
 
 class Moment(NamedTuple):
     """The host's time of a device time."""
 
     host_ns: int
     bound_ns: int | None  # None: there is no lower bound
+
+
+class Refit(NamedTuple):
+    """An estimate that was wrong by more than its bound, and was begun anew."""
+
+    step_ns: int  # by which the host's time of a device time has changed
+    reason: str  # "late": older messages came late; "parted": a clock jumped
 
 
 class _Estimate(NamedTuple):
@@ -50,6 +67,15 @@ class _Estimate(NamedTuple):
     rate: float  # host's nanoseconds in one of the device, less 1
     half_ns: float  # negative: there is no lower bound
     spread: float  # of the rate, to both sides
+
+    def middle_at(self, device_us: int) -> int:
+        step_ns = 1000 * device_us - self.at_ns
+        return self.middle_ns + step_ns + round(self.rate * step_ns)
+
+    def bound_at(self, device_us: int) -> float:
+        """To both sides of the middle, in ns."""
+        age_s = abs(1000 * device_us - self.at_ns) * 1e-9
+        return self.half_ns + (self.spread + DRIFT_MAX * age_s / 2) * age_s * 1e9
 
 
 _Point = tuple[int, int]  # device time, us; host's less device's, ns
@@ -90,6 +116,10 @@ class ProbeClock:
         self.rate = rate
         self.exchanges = 0
         self.restarts = 0  # of the estimate, at points that contradict each other
+        self.refits = 0  # of those, and others, how many are told
+        self.refit = Refit(0, "")  # the latest
+        self._known: _Estimate | None = None  # the latest
+        self._known_restarts = 0  # before it
         self.t_us: int | None = None  # the latest, unrolled
         self._t_ns: int | None = None
         self._begin()
@@ -127,13 +157,26 @@ class ProbeClock:
         if is_fresh_bin or host_ns < self._line.middle(device_us):
             self._solve(device_us, point, None)
         self._update_line()
+        estimate = self._estimate
+        if (
+            estimate is not None
+            and estimate.half_ns >= 0
+            and self._line.moment(device_us)[0] > host_ns + JUMP_NS
+        ):
+            self._begin()
+            self._follow(estimate)
+            self._update_line()
+        self._compare(device_us)
 
     def date(self, device_us: int, host_ns: int) -> tuple[int, int | None]:
-        """arrived(), and the moment() of it."""
+        """arrived(), and the moment() of it, which is not after its arrival."""
         moment = self._line.date(device_us, host_ns)
         if moment is None:
             self.arrived(device_us, host_ns)
-            moment = self._line.moment(device_us)
+            at_ns, bound_ns = moment = self._line.moment(device_us)
+            if at_ns > host_ns:  # the estimate is not, only the way to it
+                bound_ns = None if bound_ns is None else bound_ns - (at_ns - host_ns)
+                moment = host_ns, bound_ns
         return moment
 
     def heard(self, device_us: int, host_ns: int) -> None:
@@ -146,6 +189,7 @@ class ProbeClock:
         if is_fresh_bin or not is_bounded or host_ns > self._line.middle(device_us):
             self._solve(device_us, None, point)
         self._update_line()
+        self._compare(device_us)
 
     def moment(self, device_us: int) -> Moment:
         """The host's time of `device_us`. There must be an arrival before."""
@@ -158,6 +202,25 @@ class ProbeClock:
         if estimate is None or estimate.half_ns < 0:
             return None
         return -1e6 * estimate.rate
+
+    def _compare(self, device_us: int) -> None:
+        """Notes that an estimate was wrong by more than its bound."""
+        before, estimate = self._known, self._estimate
+        if estimate is None or estimate is before:
+            return
+        is_contradicted = self.restarts != self._known_restarts
+        self._known, self._known_restarts = estimate, self.restarts
+        if before is None:
+            return
+        step_ns = estimate.middle_at(device_us) - before.middle_at(device_us)
+        reason = "late" if before.half_ns < 0 else "parted"
+        is_wrong = step_ns < -LATE_NS
+        if reason == "parted":
+            least_ns = max(before.bound_at(device_us), JUMP_NS)
+            is_wrong = is_contradicted and abs(step_ns) > least_ns
+        if is_wrong:
+            self.refit = Refit(step_ns, reason)
+            self.refits += 1
 
     def _update_line(self) -> None:
         """What the line answers from, until an arrival changes that."""
@@ -174,6 +237,9 @@ class ProbeClock:
             self._first_us = device_us
         elif device_us < self._next_us:
             return False
+        elif device_us > self._next_us + SILENCE_US:
+            self._forget_all()
+            self._first_us = device_us
         self._bin_us = device_us
         width_us = (device_us - self._first_us) // 8
         self._next_us = device_us + min(max(width_us, BIN_MIN_US), BIN_MAX_US)
@@ -215,4 +281,8 @@ class ProbeClock:
         self._estimate = estimate
         if estimate.half_ns >= 0:
             self.rate = estimate.rate
+        else:
+            # It only gets earlier by a message that arrives, whose time it is: times
+            # don't fall, and what was later need not be approached.
+            self._begin()
         self._rising.turn(estimate.at_ns, estimate.middle_ns, estimate.rate)

@@ -132,7 +132,7 @@ def describe(
     fields = message.fields
     t_ns, received_ns, bound_ns = stamp.t_ns, stamp.t_received_ns, stamp.t_bound_ns
     age_us = None
-    if t_ns is not None and received_ns is not None:
+    if t_ns is not None and received_ns is not None and bound_ns is not None:
         age_us = round((received_ns - t_ns) / 1000)
     head: dict[str, Any] = {
         "type": message.name,

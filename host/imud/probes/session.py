@@ -191,10 +191,11 @@ class Session:
         """Whether only noise or nothing has come. To be called about every second."""
         if self._heard_ns is None or self._good_ns is None:
             return []
-        silence_ns = t_ns - self._heard_ns
+        silence_ns = self._timeline.silence(self._heard_ns, t_ns)
         is_noise = self._bytes_since_good > NOISE_BYTES
         event: Event
-        if is_noise and t_ns - self._good_ns > SILENT_NS:
+        bad_ns = self._timeline.silence(self._good_ns, t_ns)
+        if is_noise and bad_ns > SILENT_NS:
             event = OnlyNoise(self._bytes_since_good)
         elif silence_ns > SILENT_NS:
             event = Silent(silence_ns / 1e9)

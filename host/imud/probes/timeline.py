@@ -12,6 +12,7 @@ from imud._core import Rising
 from imud.machine import system
 
 host_ns = system.host_clock_ns
+slept_ns = system.slept_ns
 
 # Readings of the host's clocks further apart than this are not used; so the difference
 # of those clocks is known to this.
@@ -45,6 +46,7 @@ class Timeline:
         self.steps = 0
         self.last_step_ns = 0
         self.number = 1  # of this timeline
+        self.woke_ns = 0  # host's time since when imud has run without a pause
 
     def _begin(self, host_ns: int) -> None:
         self._rising = Rising()
@@ -75,6 +77,15 @@ class Timeline:
         self.steps += 1
         self.last_step_ns = off_ns
         return off_ns
+
+    def silence(self, heard_ns: int, now_ns: int) -> int:
+        """For how many ns nothing was heard while imud could have heard it."""
+        return now_ns - max(heard_ns, self.woke_ns)
+
+    def since(self, now_ns: int, patience_ns: int) -> int:
+        """What was heard since that host's time has not been silent for so long."""
+        since_ns = now_ns - patience_ns
+        return 0 if since_ns < self.woke_ns else since_ns
 
     def ahead(self, host_ns: int, utc_ns: int) -> int:
         """By how many ns `utc_ns` is ahead of the host's UTC after a step backwards."""

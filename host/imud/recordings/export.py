@@ -93,7 +93,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "twin.state",
     ),
     "twin": _named("t_ns", "t_device_us", "seq", "state", "compared", "differed"),
-    "clock": _named("t_ns", "step_ns", "timeline"),
+    "clock": _named("t_ns", "step_ns", "timeline", "reason"),
     "log": _named("t_ns", "state", "reason", "dropped"),
 }
 

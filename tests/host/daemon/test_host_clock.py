@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import json
 import socket
+import time
 
 import pytest
 
@@ -12,10 +14,15 @@ from imud.daemon import host_clock
 from imud.daemon.host_clock import MAXERROR_US, STA_UNSYNC, TIME_ERROR, HostClock, Sync
 from imud.daemon.host_clock import sync_of_host as asked
 from imud.daemon.hub import Hub
+from imud.daemon.lane import Item
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import Registry
 from imud.journal.output import Journal
+from imud.probes.record import Record
+from imud.probes.session import Probe, Session, Silent
+
+SECOND = 1_000_000_000
 
 
 @pytest.mark.parametrize(
@@ -40,6 +47,41 @@ def test_the_kernel_is_asked() -> None:
     assert sync.host == socket.gethostname()
     assert sync.is_synchronised in (True, False)
     assert (sync.bound_us is not None) == sync.is_synchronised
+
+
+def test_a_pause_is_told_and_its_silence_is_nobodys(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    now, slept, hub, told = [100 * SECOND], [7 * SECOND], Hub(), list[Item]()
+    monkeypatch.setattr(hub, "put", told.append)
+    caplog.set_level("INFO", "imud")
+    monkeypatch.setattr(host_clock, "host_ns", lambda: now[0])
+    monkeypatch.setattr(host_clock, "slept_ns", lambda: slept[0])
+    monkeypatch.setattr(time, "time_ns", lambda: now[0])
+    registry = Registry(Config())
+    registry.add("ab")
+    clock = HostClock(registry, RecordPublisher(hub), ProbeLines(Journal(10.0, 3)))
+    now[0] += 60 * SECOND  # it was not asked to look yet
+    clock.follow()
+    session = Session(Probe, now[0], timeline=clock.timeline)
+    for pause_s, slept_s in ((1, 0), (40, 40), (28_800, 28_800), (30, 0), (50, 20)):
+        now[0] += pause_s * SECOND
+        slept[0] += slept_s * SECOND
+        clock.follow()
+        assert not session.check(now[0] + 2 * SECOND)
+    assert session.check(now[0] + 4 * SECOND) == [Silent(4.0)]
+    assert caplog.messages == [
+        "this machine slept for 40 s",
+        "this machine slept for 28800 s",
+        "imud itself stood still for 30 s",
+        "this machine slept for 20 s",
+        "imud itself stood still for 30 s",
+    ]
+    values = [json.loads(each.payload) for each in told if isinstance(each, Record)]
+    assert [(each["reason"], each["step_ns"] // SECOND) for each in values] == [
+        *(("slept", 40), ("slept", 28_800), ("stood_still", 30)),
+        *(("slept", 20), ("stood_still", 30)),
+    ]
 
 
 def test_losing_and_regaining_utc_is_told(

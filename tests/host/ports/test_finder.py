@@ -20,6 +20,7 @@ from imud.config.settings import PortSettings
 from imud.errors import PortLost
 from imud.ports import baud, finder, link, port
 from imud.ports.standing import is_candidate
+from imud.probes.timeline import host_ns
 from ports_desk import Desk, Device, at_desk
 
 
@@ -128,7 +129,7 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     silent_s = 0.4
-    monkeypatch.setattr(port, "SILENT_S", silent_s)
+    monkeypatch.setattr(port, "SILENT_NS", int(silent_s * 1e9))
     monkeypatch.setattr(finder, "PAUSE_S", 0.1)
     monkeypatch.setattr(finder, "LIST_S", 0.02)
 
@@ -142,11 +143,11 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
         while time.monotonic() < until_s:  # what it says is heard
             port.write(probe.say("pose"))
             await asyncio.sleep(silent_s / 10)
-            desk.finder.check(time.monotonic_ns())
+            desk.finder.check(host_ns())
             assert desk.port_of(probe) == str(port.path)
         spoke_s = time.monotonic()
         while desk.port_of(probe) is not None:
-            desk.finder.check(time.monotonic_ns())
+            desk.finder.check(host_ns())
             await asyncio.sleep(0.01)
         assert time.monotonic() - spoke_s > silent_s * 0.8  # not sooner
         await desk.until(lambda: not list(desk.finder))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from fakes import FakeProbe
 from imud.daemon.commands import Asking
-from imud.probes.clock import POINTS_KEPT_US, Moment, ProbeClock
+from imud.probes.clock import POINTS_KEPT_US, Moment, ProbeClock, Refit
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
 from length import choose
@@ -92,25 +92,25 @@ class Run:
             stamps.append((arrival(true), true, 1, None))
         heapify(stamps)
         asking = Asking(rng)
-        asking.due_s = (begin + SECOND // 10) * 1e-9
+        asking.put_off((begin + SECOND // 20) * 1e-9)
         poses: list[Heard] = []
         last_came, moment = 0, Moment(0, None)
         while stamps:
-            due_ns = round(asking.due_s * 1e9)
+            due_s = asking.due_s(Stamp(1, 0, 0, 0, moment.bound_ns))
+            due_ns = round(due_s * 1e9)
             if due_ns < min(stamps[0][0], end):
                 made = self._heard_at(due_ns + rng.randrange(link.write_ns))
                 heappush(stamps, (arrival(made), made, 2, due_ns))
                 asking.unanswered = 0
-                stamp = Stamp(1, 0, 0, 0, moment.bound_ns)
-                asking.put_off(stamp, asking.due_s)
+                asking.put_off(due_s)
                 continue
             came, made, kind, written = heappop(stamps)
             host_ns = last_came = max(came, last_came)
             wrapped = self.device_us(made) & 0xFFFFFFFF
             device_us = self.clock.unroll(wrapped, host_ns)
             assert device_us == self.device_us(made)
-            self.clock.arrived(device_us, host_ns)
-            moment = self.clock.moment(device_us)
+            moment = Moment(*self.clock.date(device_us, host_ns))
+            assert moment.host_ns <= host_ns
             if written is not None:
                 self.clock.heard(device_us, written)
             if kind == 0:
@@ -184,16 +184,66 @@ def test_a_long_silence_widens_the_bound_and_costs_no_honesty() -> None:
     assert run.clock.restarts == 0
 
 
-@pytest.mark.parametrize("by_us", [-40_000, 40_000])
+# A host that stands still for 40 s, without a clock that counts that, looks the same as
+# a probe whose clock gains them; a probe that stands still, as one that loses them.
+@pytest.mark.parametrize("by_us", [-40_000_000, -40_000, 40_000, 40_000_000])
 def test_a_device_clock_that_jumps_is_followed_and_counted(by_us: int) -> None:
     run = Run(Link(drift_ppm_s=0.0))
     run.go(15.0)
     run.link = replace(run.link, start_us=run.link.start_us + by_us)
     poses = run.go(25.0, from_s=15.1)
-    later = [p for p in poses if p.true_ns > 30 * SECOND]
     assert run.clock.restarts > 0
-    assert max(abs(p.error_ns) for p in later) < MS
+    assert all(p.moment.bound_ns is not None for p in poses if p.true_ns > 16 * SECOND)
+    assert max(abs(p.error_ns) for p in poses if p.true_ns > 30 * SECOND) < MS
+    is_told = abs(by_us) > 100_000
+    assert run.clock.refits == is_told
+    if is_told:
+        assert run.clock.refit == Refit(
+            pytest.approx(-1000 * by_us, abs=SECOND), "parted"
+        )
+    later = [p for p in poses if p.true_ns > (16 if is_told else 30) * SECOND]
     assert all(abs(p.error_ns) <= (p.moment.bound_ns or 0) for p in later)
+
+
+@pytest.mark.parametrize("answers", [True, False])
+@pytest.mark.parametrize("gone_s", [4, 60, 3600])
+def test_old_messages_that_come_first_do_not_fix_the_time(
+    gone_s: int, answers: bool
+) -> None:
+    clock, begun_us = ProbeClock(), 7_000_000
+    now_ns, then_us = 100 * SECOND, begun_us
+    ages = []
+    for i in range(150):  # what a port of 8 KB had kept
+        host_ns, bound_ns = clock.date(then_us + 10_000 * i, now_ns + 1000 * i)
+        assert host_ns <= now_ns + 1000 * i
+        assert bound_ns is None
+    for i in range(200):
+        true_ns = now_ns + SECOND // 2 + 10 * MS * i
+        device_us = begun_us + gone_s * 1_000_000 + 10_000 * i
+        host_ns, bound_ns = clock.date(device_us, true_ns + MS)
+        ages.append(true_ns + MS - host_ns)
+        if answers and i % 10 == 1:
+            clock.heard(device_us, true_ns - MS)
+        if bound_ns is not None:
+            assert abs(host_ns - true_ns) <= bound_ns
+    assert min(ages) >= 0
+    assert max(ages) < 5 * MS
+    assert clock.refit.reason == "late"
+    assert clock.refit.step_ns == pytest.approx(-gone_s * SECOND, abs=2 * SECOND)
+
+
+def test_the_time_before_a_night_says_nothing_of_that_after_it() -> None:
+    run = Run(Link(drift_ppm_s=0.0))
+    run.go(20.0)
+    # The oscillator cooled meanwhile: it is 2 s late, which no bound should have to
+    # cover, and it says nothing until it was asked.
+    run.link = replace(run.link, start_us=run.link.start_us - 2_000_000)
+    again = run.go(5.0, from_s=20.0 + 8 * 3600)
+    known = [p for p in again if p.moment.bound_ns is not None]
+    assert len(known) > len(again) - 20
+    assert max(p.moment.bound_ns or 0 for p in known) < 5 * MS
+    assert all(abs(p.error_ns) <= (p.moment.bound_ns or 0) for p in known)
+    assert run.clock.refits == 0
 
 
 def test_one_impossible_device_time_does_not_stay() -> None:

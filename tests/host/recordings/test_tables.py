@@ -97,7 +97,7 @@ def test_several_logs_and_what_the_daemon_says_of_probes_become_tables(
     }
     twin = {"type": "twin", **head, "state": "differs", "compared": 5, "differed": 1}
     log = {"type": "log", **head, "state": "paused", "reason": "full", "dropped": 2}
-    clock = {"type": "clock", **head, "step_ns": -4, "timeline": 1}
+    clock = {"type": "clock", **head, "step_ns": -4, "timeline": 1, "reason": "set"}
     put = [
         Record("left", str(each["type"]), json.dumps(each).encode(), b"", 0, 7, 7)
         for each in (status, twin, log, clock)
@@ -124,7 +124,7 @@ def test_several_logs_and_what_the_daemon_says_of_probes_become_tables(
     for topic, line in (
         ("twin", "7,,,differs,5,1"),
         ("log", "7,paused,full,2"),
-        ("clock", "7,-4,1"),
+        ("clock", "7,-4,1,set"),
     ):
         file = out / f"{whole.stem}-left-{topic}.csv"
         assert file.read_text("utf-8").splitlines()[1:] == [line]

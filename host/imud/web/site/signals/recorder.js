@@ -121,7 +121,7 @@ export class Recorder {
       line.tilt_sigma_deg ?? NaN,
       line.heading_sigma_deg ?? NaN,
       line.age_us === null ? NaN : line.age_us / 1000,
-      latency,
+      line.t_bound_us === null ? NaN : Math.max(0, latency),
     ]);
   }
 
