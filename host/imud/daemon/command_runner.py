@@ -121,7 +121,7 @@ class CommandRunner:
         commander: Commander,
         intake: Intake,
         history: HistoryFiles,
-        configure: Callable[[str, Parameters], bool],
+        configure: Callable[[str, Parameters], Awaitable[bool]],
         lend: Callable[[str, float], Awaitable[None]],
     ) -> None:
         self._commander = commander
@@ -214,7 +214,7 @@ class CommandRunner:
         self, probe: str, _: str, parameters: Parameters
     ) -> dict[str, bool]:
         probe_id = self._commander.entry_of(probe).probe.probe_id
-        return {"is_kept": self._configure_probe(probe_id, parameters)}
+        return {"is_kept": await self._configure_probe(probe_id, parameters)}
 
     async def _lend(self, probe: str, command: str, parameters: Parameters) -> str:
         """The name of the port."""

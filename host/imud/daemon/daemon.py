@@ -9,7 +9,8 @@ import gc
 import logging
 import math
 import sys
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -28,7 +29,7 @@ from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
 from imud.errors import ImudError, ListenFailed, described
-from imud.journal.output import Journal, handler
+from imud.journal.output import Journal, JournalStream, journal_on_stderr
 from imud.machine import system
 from imud.net.queries import Answer
 from imud.ports.finder import Finder
@@ -61,8 +62,13 @@ class Daemon:
         config: Config,
         load: Callable[[], Config],
         selector: GatheringSelector,
+        stream: JournalStream,
     ) -> None:
         self._load = load
+        self._stream = stream
+        # For what may wait: a disk, a look-up of a name, a server that starts or ends.
+        self._waiter = ThreadPoolExecutor(1, "imud-waiter")
+        self._changing = asyncio.Lock()  # the settings; one after the other
         self._of_file = config
         self._config = config = names.with_names(config)
         self._selector = selector  # of the loop
@@ -93,14 +99,14 @@ class Daemon:
         """Serves until SIGTERM or SIGINT; raises the error of a task that failed."""
         loop = asyncio.get_running_loop()
         stop = asyncio.Event()
-        system.on_signals(stop.set, self._reload)
+        system.on_signals(stop.set, self._begin_reload)
         loop.set_exception_handler(self._log_fault)
         self._loop = loop
         self._hub.has_turns = True
         self._selector.on_turn = self._hub.end_turn
         try:
             self._outputs.open(self._config)
-            self._serve_metrics()
+            await self._serve_metrics()
             logger.info("%s", self._greeting())
             # Objects made by now stay: a collection that includes them takes 25 ms.
             gc.freeze()
@@ -127,6 +133,7 @@ class Daemon:
                 self._metrics.close()
             self._hub.close()
             self._history.close()
+            self._waiter.shutdown(wait=False)
         logger.info("%s", self._closing_line())
         if ended:
             raise ended[0]
@@ -152,20 +159,23 @@ class Daemon:
         except RuntimeError:
             work.close()
 
-    def _serve_metrics(self) -> None:
+    def _in_thread(self, call: Callable[..., Any], *arguments: Any) -> Awaitable[Any]:
+        return self._loop.run_in_executor(self._waiter, call, *arguments)
+
+    async def _serve_metrics(self) -> None:
         """Starts, moves or stops the server, as the configuration says."""
         address = host_and_port(self._config.metrics.listen)
-        if self._metrics is not None:
-            self._metrics.close()
         is_told, self._metrics_again_s = self._metrics_again_s < math.inf, math.inf
-        self._metrics = None
+        before, self._metrics = self._metrics, None
+        if before is not None:
+            await self._in_thread(before.close)
         self._reports.on_status = lambda _: None
         self._reports.on_forgotten = lambda _: None
         if address is None:
             return
         server = MetricsServer(address)
         try:
-            server.start()
+            await self._in_thread(server.start)
         except ListenFailed as error:
             # Poses do not depend on it.
             self._metrics_again_s = self._loop.time() + AGAIN_S
@@ -176,21 +186,25 @@ class Daemon:
         self._reports.on_status = server.update
         self._reports.on_forgotten = server.forget
 
-    def _reload(self) -> None:
-        """SIGHUP: applies changed settings; a file with a mistake changes nothing."""
-        before = self._config
-        self._notifier.reloading()
-        try:
-            self._of_file = self._load()
-        except ImudError as error:
-            logger.warning(
-                "reload failed, the current configuration stays active: %s", error
-            )
-        else:
-            self._apply(before, names.with_names(self._of_file))
-        self._notifier.ready()
+    def _begin_reload(self) -> None:
+        self._start(self._reload())
 
-    def _apply(self, before: Config, config: Config) -> None:
+    async def _reload(self) -> None:
+        """SIGHUP: applies changed settings; a file with a mistake changes nothing."""
+        async with self._changing:
+            self._notifier.reloading()
+            try:
+                self._of_file = await self._in_thread(self._load)
+                config = await self._in_thread(names.with_names, self._of_file)
+            except ImudError as error:
+                logger.warning(
+                    "reload failed, the current configuration stays active: %s", error
+                )
+            else:
+                await self._apply(self._config, config)
+            self._notifier.ready()
+
+    async def _apply(self, before: Config, config: Config) -> None:
         self._config = config
         logger.setLevel(config.journal.level.upper())
         self._journal.configure(config.journal.quiet_s, config.journal.burst)
@@ -202,14 +216,14 @@ class Daemon:
         self._reports.announce()
         self._finder.configure(config.ports)
         self._history.configure(config.params.folder)
-        if config.metrics != before.metrics:
-            self._metrics_again_s = math.inf
-            self._serve_metrics()
         for entry in self._registry:
             probe_id = entry.probe.probe_id
             is_other = config.settings_of(probe_id) != before.settings_of(probe_id)
             if is_other and entry.is_alive:
                 self._begin_set_up(entry.name)
+        if config.metrics != before.metrics:
+            self._metrics_again_s = math.inf
+            await self._serve_metrics()
         changed = [
             name
             for name in Config.__struct_fields__
@@ -235,13 +249,18 @@ class Daemon:
             self._notifier.alive()
             self._notifier.status(self._state())
             if loop.time() >= self._metrics_again_s:
-                self._serve_metrics()
+                self._start(self._serve_metrics())
             if self._metrics is not None:
                 refused = self._hub.refused()
                 if self._metrics.refused:
                     refused["metrics"] = dict(self._metrics.refused)
                 self._metrics.update_counts(
-                    DaemonCounts(self._hub.failures(), refused, faults.count)
+                    DaemonCounts(
+                        self._hub.failures(),
+                        refused,
+                        faults.count,
+                        self._stream.dropped,
+                    )
                 )
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -265,15 +284,16 @@ class Daemon:
         text = f"internal error: {words}"
         self._journal.write(("fault", words), text, is_warning=True)
 
-    def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> bool:
+    async def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> bool:
         """Returns whether that is kept: a name is that the file has no other for."""
-        before, name = self._config, parameters.get("rename")
-        after = configured(before, probe_id, parameters)
-        is_kept = name is not None and not self._of_file.settings_of(probe_id).name
-        if is_kept:  # first: a name that can't be kept is not given
-            names.keep(before, probe_id, str(name))
-        self._apply(before, after)
-        return is_kept
+        async with self._changing:
+            before, name = self._config, parameters.get("rename")
+            after = configured(before, probe_id, parameters)
+            is_kept = name is not None and not self._of_file.settings_of(probe_id).name
+            if is_kept:  # first: a name that can't be kept is not given
+                await self._in_thread(names.keep, before, probe_id, str(name))
+            await self._apply(before, after)
+            return is_kept
 
     def _begin_set_up(self, name: str) -> None:
         before = self._setting_up.get(name)
@@ -339,14 +359,11 @@ def run(load: Callable[[], Config]) -> int:
     config = load()
     system.raise_files_limit()
     sys.setswitchinterval(SWITCH_S)
-    to_stderr = handler()
-    logger.addHandler(to_stderr)
-    logger.setLevel(config.journal.level.upper())
-    try:
-        selector = GatheringSelector()
-        make_loop = partial(asyncio.SelectorEventLoop, selector)
-        with asyncio.Runner(loop_factory=make_loop) as runner:
-            runner.run(Daemon(config, load, selector).run())
-    finally:
-        logger.removeHandler(to_stderr)
+    selector = GatheringSelector()
+    make_loop = partial(asyncio.SelectorEventLoop, selector)
+    with (
+        journal_on_stderr(config.journal.level) as stream,
+        asyncio.Runner(loop_factory=make_loop) as runner,
+    ):
+        runner.run(Daemon(config, load, selector, stream).run())
     return 0

@@ -56,12 +56,13 @@ Labels = tuple[tuple[str, str], ...]
 
 class DaemonCounts(msgspec.Struct, frozen=True):
     """Counters beside those of probes: failures by sink, refused clients and messages
-    by server and reason, and faults of imud's own.
+    by server and reason, faults of imud's own, and lines of the journal dropped.
     """
 
     failures: Mapping[str, int] = {}
     refused: Mapping[str, Mapping[str, int]] = {}
     faults: int = 0
+    journal_dropped: int = 0
 
 
 def text_of(statuses: Mapping[str, Mapping[str, Any]], counts: DaemonCounts) -> str:
@@ -83,6 +84,7 @@ def text_of(statuses: Mapping[str, Mapping[str, Any]], counts: DaemonCounts) -> 
             labels = ("server", server), ("reason", reason)
             families["imud_refused"].append((labels, count))
     families["imud_faults"].append(((), counts.faults))
+    families["imud_journal_dropped"].append(((), counts.journal_dropped))
     for name, value in _process():
         families[name].append(((), value))
     return "".join(_family(name, samples) for name, samples in families.items())
@@ -125,6 +127,7 @@ def _escaped(text: str) -> str:
 _COUNTERS = frozenset(
     {
         *("imud_sink_failures", "imud_refused", "imud_faults"),
+        "imud_journal_dropped",
         "process_cpu_seconds_total",
     }
 )

@@ -13,6 +13,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -75,6 +76,8 @@ class Finder:
         self._probes = probes
         self._journal = journal
         self._listed = listed
+        # For what may wait: a slow driver's answer, a disk, a look-up of a name.
+        self._waiter = ThreadPoolExecutor(1, "imud-finder")
         self._memory = Memory()
         self._udp = UdpPorts(probes, journal)
         self._ports: dict[str, Port] = {}
@@ -125,11 +128,12 @@ class Finder:
 
     async def run(self) -> None:
         """Runs until it is cancelled."""
+        self._loop = asyncio.get_running_loop()
         try:
             async with asyncio.TaskGroup() as self._group:
                 while True:
                     self._serve_named()
-                    self._udp.serve(self._settings)
+                    await self._udp.serve(self._settings, self._waiter)
                     if self._settings.find or self._heard:
                         await self._serve_found()
                     await self._wait()
@@ -137,6 +141,7 @@ class Finder:
             raise faults.exceptions[0] from None
         finally:
             self._udp.close()
+            self._waiter.shutdown(wait=False)
 
     async def _wait(self) -> None:
         """Waits for the next listing, a change in /dev or new settings."""
@@ -168,16 +173,16 @@ class Finder:
 
     async def _serve_found(self) -> None:
         now_s = asyncio.get_running_loop().time()
-        # In a thread: a slow driver may take long to describe its port.
-        listed = await asyncio.to_thread(lambda: list(self._listed()))
-        self._adopt_heard(listed)
+        in_thread = partial(asyncio.get_running_loop().run_in_executor, self._waiter)
+        listed = await in_thread(lambda: list(self._listed()))
+        await in_thread(self._adopt_heard, listed)
         if not self._settings.find:
             return
         found = {p.device: p for p in listed if is_candidate(p, self._settings.ignore)}
         for name in self._pauses.keys() - found.keys():
             del self._pauses[name]  # unplugged: the next device there may be another
         self._told &= found.keys()
-        if self._read_adopted():
+        if await in_thread(self._read_adopted):
             self._close_released(found)
         for name, port in found.items():
             pause = self._pauses.get(name)
@@ -211,8 +216,14 @@ class Finder:
         try:
             return self._adopted.refresh()
         except FileError as error:
-            self._journal.write("adopted", str(error), is_warning=True)
+            self._warn(str(error))
             return False
+
+    def _warn(self, text: str) -> None:
+        """Called in another thread."""
+        write = partial(self._journal.write, "adopted", text, is_warning=True)
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(write)
 
     def _close_released(self, found: Mapping[str, Listed]) -> None:
         for name, port in self._ports.items():
@@ -225,7 +236,7 @@ class Finder:
         self._changed.set()
 
     def _adopt_heard(self, listed: Iterable[Listed]) -> None:
-        """Remembers the ports on which a probe was heard."""
+        """Remembers the ports on which a probe was heard; in another thread."""
         heard, self._heard = self._heard, {}
         for name, probe_id in heard.items():
             port = next((p for p in listed if same_port(p.device, name)), None)
@@ -234,14 +245,15 @@ class Finder:
             try:
                 self._adopted.adopt(port, f"probe {probe_id}")
             except FileError as error:
-                text = f"{name} is adopted only until imud exits: {error}"
-                self._journal.write("adopted", text, is_warning=True)
+                self._warn(f"{name} is adopted only until imud exits: {error}")
 
     async def _is_held(self, name: str) -> bool:
         """Whether another program has that port open: then it is left alone, and tried
         again after a while. Told once.
         """
-        holders = await asyncio.to_thread(holders_of, name)
+        holders = await asyncio.get_running_loop().run_in_executor(
+            self._waiter, holders_of, name
+        )
         if not holders:
             return False
         now_s = asyncio.get_running_loop().time()

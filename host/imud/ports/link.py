@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""A serial port in an asyncio loop; one that vanished is opened again."""
+"""A serial port in an asyncio loop; one that vanished is opened again.
+
+Opening, setting and closing it may wait: for seconds with a USB adapter that does not
+answer, half a minute with a Bluetooth port. A thread of the link's own does these, one
+after the other.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import errno
-import threading
 from collections.abc import Callable
-from pathlib import Path
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 
 import serial
 
@@ -25,6 +30,9 @@ REFUSED_S = 0.5
 
 # DTR goes active at its end; an Arduino's capacitor turns that into a reset of 0.1 ms.
 RESET_S = 0.05
+
+# A link that ends waits so long for its port to be closed.
+CLOSE_S = 0.5
 
 # Bytes that may wait to be written, for a probe that reads none: dozens of commands.
 PENDING_MAX = 4096
@@ -50,6 +58,7 @@ class Link:
         self._on_fault = on_fault
         self._has_reset = has_reset
         self._serial: serial.Serial | None = None
+        self._waiter = ThreadPoolExecutor(1, f"imud {port}")
         self._watch: system.SerialWatch | None = None
         self._pending = b""
         self._lost: asyncio.Future[LinkError] | None = None
@@ -67,15 +76,22 @@ class Link:
         if baud == self._baud:
             return
         self._baud = baud
-        if self._serial is None:
-            return
-        try:
-            self._serial.baudrate = baud
-            system.make_ours(self._serial)
-        except system.PORT_ERRORS:
-            # It vanished, or its driver lacks that rate and keeps the one before.
-            if self._watch is not None:
-                self._watch.read()
+        if self._serial is not None:
+            loop, port = asyncio.get_running_loop(), self._serial
+            setting = self._waiter.submit(_set_baud, port, baud)
+            setting.add_done_callback(partial(self._tell_set, loop))
+
+    def _tell_set(self, loop: asyncio.AbstractEventLoop, setting: Future[bool]) -> None:
+        """Called in the link's thread. A port that failed has vanished, or its driver
+        lacks that rate and keeps the one before.
+        """
+        if not setting.cancelled() and not setting.result():
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self._read)
+
+    def _read(self) -> None:
+        if self._watch is not None:
+            self._watch.read()
 
     async def run(self) -> None:
         """Opens the port, again and again, until it is cancelled."""
@@ -85,13 +101,16 @@ class Link:
                 try:
                     await self._serve()
                 except LinkError as error:
-                    self._close()
+                    self._close()  # done before the port is opened again
                     if isinstance(error, PortBusy | PortRefused):
                         pause_s = REFUSED_S
                     self._on_fault(error)
                 await asyncio.sleep(pause_s)
         finally:
-            self._close()
+            closing = self._close()
+            if closing is not None:
+                await asyncio.wait([asyncio.wrap_future(closing)], timeout=CLOSE_S)
+            self._waiter.shutdown(wait=False)
 
     def write(self, data: bytes) -> None:
         """Sends bytes as the port accepts them; PortLost if it is not open."""
@@ -105,10 +124,10 @@ class Link:
         self._write_some()
 
     async def _serve(self) -> None:
-        port = self._serial = await _opened(self.port, self._baud)
+        port = self._serial = await self._opened()
         self._pending = b""
         if self._has_reset:
-            await _reset(port)
+            await self._reset(port)
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
         self._watch = system.SerialWatch(port, host_ns, self._on_data, self._hang_up)
@@ -138,44 +157,54 @@ class Link:
         if watch is not None:
             watch.end()
 
-    def _close(self) -> None:
+    def _close(self) -> Future[None] | None:
         if self._serial is None:
-            return
+            return None
         self._unwatch()
         port, self._serial = self._serial, None
-        system.drop_unsent(port)
-        port.close()
+        return self._waiter.submit(_close, port)
 
-
-async def _opened(name: str, baud: int) -> serial.Serial:
-    """Opens a port. That of Bluetooth connects first, which takes up to half a minute
-    where nobody answers: in a thread, that is left alone once nobody waits for it.
-    """
-    if not Path(name).name.startswith("rfcomm"):
-        return _open(name, baud)
-    loop = asyncio.get_running_loop()
-    done: asyncio.Future[serial.Serial] = loop.create_future()
-
-    def settle(port: serial.Serial | None, error: Exception | None) -> None:
-        if done.cancelled():
-            if port is not None:
-                port.close()
-        elif port is not None:
-            done.set_result(port)
-        elif error is not None:
-            done.set_exception(error)
-
-    def work() -> None:
-        port, error = None, None
+    async def _opened(self) -> serial.Serial:
+        """Opens the port; one that nobody waits for any more is closed again."""
+        opening = self._waiter.submit(_open, self.port, self._baud)
         try:
-            port = _open(name, baud)
-        except Exception as fault:  # noqa: BLE001 - raised in the loop
-            error = fault
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            loop.call_soon_threadsafe(settle, port, error)
+            return await asyncio.wrap_future(opening)
+        except asyncio.CancelledError:
+            opening.add_done_callback(_close_unwanted)
+            raise
 
-    threading.Thread(target=work, name=f"open {name}", daemon=True).start()
-    return await done
+    async def _reset(self, port: serial.Serial) -> None:
+        """Resets a board by DTR."""
+        for is_active in (False, True):
+            await asyncio.wrap_future(self._waiter.submit(_set_dtr, port, is_active))
+            if not is_active:
+                await asyncio.sleep(RESET_S)
+
+
+def _close(port: serial.Serial) -> None:
+    system.drop_unsent(port)
+    port.close()
+
+
+def _close_unwanted(opening: Future[serial.Serial]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()
+
+
+def _set_baud(port: serial.Serial, baud: int) -> bool:
+    """Whether that succeeded."""
+    try:
+        port.baudrate = baud
+        system.make_ours(port)
+    except system.PORT_ERRORS:
+        return False
+    return True
+
+
+def _set_dtr(port: serial.Serial, is_active: bool) -> None:
+    """A pty and a Bluetooth port have none."""
+    with contextlib.suppress(OSError):
+        port.dtr = is_active
 
 
 def _open(name: str, baud: int) -> serial.Serial:
@@ -206,14 +235,6 @@ def _ask_for_low_latency(port: serial.Serial) -> None:
     # pyserial: the driver refuses; the system has no such flag.
     with contextlib.suppress(ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
-
-
-async def _reset(port: serial.Serial) -> None:
-    """Resets a board by DTR; a pty and a Bluetooth port have none."""
-    with contextlib.suppress(OSError):
-        port.dtr = False
-        await asyncio.sleep(RESET_S)
-        port.dtr = True
 
 
 def _translated(name: str, error: serial.SerialException) -> LinkError:

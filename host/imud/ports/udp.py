@@ -9,7 +9,9 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -180,6 +182,10 @@ BATCH = 64
 # For half a second of 64 probes; Linux may grant less (net.core.rmem_max).
 BUFFER_BYTES = 1 << 20
 
+# When the folder of the keys has changed, in ns, and which it is.
+KeysState = tuple[int, str]
+NO_KEYS: KeysState = (-1, "")
+
 
 class UdpPorts:
     """The socket, if the settings ask for one, and the ports of its probes."""
@@ -190,25 +196,30 @@ class UdpPorts:
         self._socket: socket.socket | None = None
         self._listens = ""  # the setting that the socket has
         self._fault = ""  # the last one told
-        self._keys_ns = (-1, "")  # when their folder changed, and which it is
+        self._keys_state = NO_KEYS
         self._ports: dict[bytes, UdpPort] = {}
         self.refused: Counter[DatagramFault] = Counter()
 
     def __iter__(self) -> Iterator[UdpPort]:
         return iter(self._ports.values())
 
-    def serve(self, settings: PortSettings) -> None:
+    async def serve(self, settings: PortSettings, waiter: Executor) -> None:
         """Does what the settings say; called about once a second. A key that was made
-        or deleted counts at once.
+        or deleted counts at once. Disks and look-ups of names wait in `waiter`.
         """
         if settings.udp != self._listens:
             self.close()
         if not settings.udp:
             return
+        in_thread = partial(asyncio.get_running_loop().run_in_executor, waiter)
         try:
-            self._read_keys(Path(settings.udp_keys))
+            folder = Path(settings.udp_keys)
+            state, keys = await in_thread(_read_keys, folder, self._keys_state)
+            if keys is not None:
+                self._keys_state = state
+                self._use(keys)
             if self._socket is None:
-                self._open(settings.udp)
+                self._listen(await in_thread(_opened, settings.udp), settings.udp)
         except (ConfigError, OSError) as error:
             why = getattr(error, "strerror", None) or error
             text = f"udp {settings.udp}: {why}"
@@ -228,26 +239,16 @@ class UdpPorts:
         for port in self:
             port.end()
         self._ports.clear()
-        self._keys_ns = (-1, "")
+        self._keys_state = NO_KEYS
         self._listens = ""
         if self._socket is not None:
             asyncio.get_running_loop().remove_reader(self._socket)
             self._socket.close()
         self._socket = None
 
-    def _open(self, listen: str) -> None:
-        address = host_and_port(listen)
-        if address is None:
+    def _listen(self, opened: socket.socket | None, listen: str) -> None:
+        if opened is None:
             return  # refused by the rules of the settings
-        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-        opened = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            opened.setblocking(False)
-            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-            opened.bind(address)
-        except OSError:
-            opened.close()
-            raise
         self._socket, self._listens = opened, listen
         asyncio.get_running_loop().add_reader(opened, self._read)
         host, port = opened.getsockname()[:2]
@@ -256,16 +257,7 @@ class UdpPorts:
         text = f"udp {host}:{port}: open to {probes} with a key"
         self._journal.write(("udp", "open"), text)
 
-    def _read_keys(self, folder: Path) -> None:
-        place = folder / probe_keys.PROBES
-        try:
-            changed = place.stat().st_mtime_ns, str(place)
-        except OSError:
-            changed = (-1, str(place))
-        if changed == self._keys_ns and changed[0] >= 0:
-            return
-        keys = probe_keys.read(folder)
-        self._keys_ns = changed
+    def _use(self, keys: Mapping[bytes, bytes]) -> None:
         for probe_id, port in list(self._ports.items()):
             if keys.get(probe_id) != port.peer.key:
                 port.end()
@@ -324,3 +316,34 @@ class UdpPorts:
             f"{fault.replace('_', ' ')}, the last from {address[0]}"
         )
         self._journal.write(("udp", fault), text, is_warning=True, is_total=True)
+
+
+def _read_keys(
+    folder: Path, before: KeysState
+) -> tuple[KeysState, Mapping[bytes, bytes] | None]:
+    """Reads the keys; None if they are the ones before."""
+    place = folder / probe_keys.PROBES
+    try:
+        state = place.stat().st_mtime_ns, str(place)
+    except OSError:
+        state = (-1, str(place))
+    if state == before and state[0] >= 0:
+        return state, None
+    return state, probe_keys.read(folder)
+
+
+def _opened(listen: str) -> socket.socket | None:
+    """A socket at that address; None: it is none."""
+    address = host_and_port(listen)
+    if address is None:
+        return None
+    family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+    opened = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        opened.setblocking(False)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        opened.bind(address)
+    except OSError:
+        opened.close()
+        raise
+    return opened

@@ -8,6 +8,7 @@ import asyncio
 import errno
 import fcntl
 import os
+import queue
 import termios
 import threading
 from collections.abc import Awaitable, Callable
@@ -189,11 +190,12 @@ def test_a_system_without_low_latency_opens_ports_all_the_same(
     with_link(tmp_path, check)
 
 
-def test_a_bluetooth_port_that_connects_for_long_holds_nothing_else_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("name", ["rfcomm0", "ttyUSB0"])
+def test_a_port_that_opens_slowly_holds_nothing_else_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """Opening one waits for its other end."""
-    port = Port(tmp_path / "rfcomm0")
+    """One of Bluetooth waits for its other end, a dead USB adapter for seconds."""
+    port = Port(tmp_path / name)
     answered, opened = threading.Event(), threading.Event()
     plain = link._open
 
@@ -232,3 +234,26 @@ def test_a_bluetooth_port_that_connects_for_long_holds_nothing_else_up(
 
     asyncio.run(run())
     port.vanish()
+
+
+def test_a_port_that_sets_its_rate_or_closes_slowly_holds_nothing_else_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on, asked = threading.Event(), queue.SimpleQueue[str]()
+
+    def slow(what: str) -> None:
+        asked.put(what)
+        go_on.wait(PATIENCE_S)
+
+    monkeypatch.setattr(link, "_set_baud", lambda *_: slow("baud") or True)
+    monkeypatch.setattr(link, "_close", lambda port: slow("close") or port.close())
+    monkeypatch.setattr(link, "CLOSE_S", 0.0)
+
+    async def check(opened: Opened) -> None:
+        opened.link.set_baud(9600)
+        assert opened.link.baud == 9600
+        assert await asyncio.to_thread(asked.get) == "baud"
+
+    with_link(tmp_path, check)  # ends beside the thread that still waits
+    go_on.set()
+    assert asked.get() == "close"
