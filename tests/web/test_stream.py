@@ -73,6 +73,31 @@ def test_a_program_gets_every_pose_of_the_probe_that_it_watches(
         assert [next(found)["number"] for _ in range(count)] == list(range(count))
 
 
+def test_a_program_that_watches_an_id_gets_every_pose_under_every_name(
+    served: Served,
+) -> None:
+    def tell(name: str, probe_id: str) -> None:
+        status = {"type": "status", "probe": name, "probe_id": probe_id}
+        served.page.publish([((name, "status"), json.dumps(status).encode())])
+
+    own = "00112233445566aa"
+    with stream(served) as program:
+        watch = {"do": "watch", "every": [[own, "pose"]], "probe": own}
+        program.send(json.dumps(watch))
+        program.send(json.dumps({"do": "ask", "id": 1, "probe": "a", "command": "id"}))
+        assert of_type(program, "answer")["id"] == 1  # so it watches
+        found = (line for line in lines(program) if line["type"] == "pose")
+        for turn, name in enumerate((own, "stylus", "arm")):
+            served.page.forget()
+            tell(name, own)
+            tell("tip", "00112233445566ab")
+            for number in range(100 * turn, 100 * turn + 100):
+                served.say(number, probe=name)
+            assert [next(found)["number"] for _ in range(100)] == [
+                *range(100 * turn, 100 * turn + 100)
+            ]
+
+
 def test_a_program_that_does_not_read_misses_what_is_old_and_disturbs_nobody(
     served: Served,
 ) -> None:

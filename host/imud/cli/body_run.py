@@ -259,7 +259,8 @@ def _loop(
 
 def add_delivery(body: LiveBody, topic: str, delivery: Delivery) -> None:
     """Gives a payload of a probe to the body; others, and bad ones, are left out."""
-    history = body.histories.get(delivery.probe)
+    histories = body.histories
+    history = histories.get(delivery.probe) or histories.get(delivery.probe_id)
     if history is None:
         return
     with contextlib.suppress(msgspec.DecodeError):

@@ -90,7 +90,9 @@ def _status(
         found = [
             each for each in client.statuses() if also_gone or each["state"] != "gone"
         ]
-        named = [each for each in found if name in (None, each["probe"])]
+        named = [
+            each for each in found if name in (None, each["probe"], each["probe_id"])
+        ]
         if len(named) == 1:
             return named[0]
         names = ", ".join(str(each["probe"]) for each in found)

@@ -40,9 +40,10 @@ PARAMS_TIMEOUT_S = 70.0
 class Delivery:
     """One payload as it arrived on a key."""
 
-    probe: str
+    probe: str  # its name then
     payload: bytes
     source: str  # id of the Zenoh session that published it; changes with a restart
+    probe_id: str = ""  # empty: the publisher does not say it
 
 
 class Client:
@@ -119,22 +120,30 @@ class Client:
         """Calls back for each payload of a topic, in a thread of Zenoh's, until the
         returned function is called. probe None: all probes. The last `history` payloads
         of each probe come first, as far as the daemon kept them.
+
+        An id is followed under every name; a name, whichever probe has it.
         """
         self.check_may(topic)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            name = str(sample.key_expr).split("/")[-2]
+            name, probe_id = str(sample.key_expr).split("/")[-2], ""
+            if sample.attachment is not None:
+                probe_id, _, name = sample.attachment.to_string().partition(" ")
             stamp = sample.timestamp
             source = str(stamp.get_id()) if stamp is not None else ""
-            callback(Delivery(name, sample.payload.to_bytes(), source))
+            callback(Delivery(name, sample.payload.to_bytes(), source, probe_id))
 
-        key = f"{self._prefix}/{probe or '*'}/{topic}"
+        key = self._key(probe, topic)
         if history > 0:
             kept = zenoh.ext.HistoryConfig(max_samples=history)
             return zenoh.ext.declare_advanced_subscriber(
                 self._session, key, on_sample, history=kept
             ).undeclare
         return self._session.declare_subscriber(key, on_sample).undeclare
+
+    def _key(self, probe: str | None, end: str) -> str:
+        """The key of a probe by its name or id; None: of every probe."""
+        return f"{self._prefix}/{access.address(probe)}/{end}"
 
     def subscribe(
         self, topic: str, probe: str | None, callback: Callable[[str, bytes], None]
@@ -146,8 +155,7 @@ class Client:
 
     def statuses(self, probe: str | None = None) -> list[dict[str, Any]]:
         """The last status of each probe, sorted by name: docs/pose.md."""
-        key = f"{self._prefix}/{probe or '*'}/status"
-        replies = self._session.get(key, timeout=QUERY_TIMEOUT_S)
+        replies = self._session.get(self._key(probe, "status"), timeout=QUERY_TIMEOUT_S)
         found = [json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok]
         return sorted(found, key=lambda status: str(status["probe"]))
 
@@ -155,14 +163,16 @@ class Client:
         """The names of the probes that are connected."""
         for pause_s in ALIVE_PAUSES_S:
             time.sleep(pause_s)
-            names = self._alive_now("*")
+            names = self._alive_now(None)
             if names:
                 return names
         return []
 
-    def _alive_now(self, probe: str, timeout_s: float = QUERY_TIMEOUT_S) -> list[str]:
+    def _alive_now(
+        self, probe: str | None, timeout_s: float = QUERY_TIMEOUT_S
+    ) -> list[str]:
         """The answer to one query, sorted."""
-        key = f"{self._prefix}/{probe}/alive"
+        key = self._key(probe, "alive")
         replies = self._session.liveliness().get(key, timeout=timeout_s)
         return sorted(str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok)
 
@@ -177,7 +187,7 @@ class Client:
             if sample.kind == zenoh.SampleKind.PUT:
                 arrived.put(str(sample.key_expr).split("/")[-2])
 
-        key = f"{self._prefix}/{probe or '*'}/alive"
+        key = self._key(probe, "alive")
         watch = self._session.liveliness().declare_subscriber(
             key, on_token, history=True
         )
@@ -187,7 +197,7 @@ class Client:
                 try:
                     return arrived.get(timeout=min(left, ALIVE_AGAIN_S))
                 except queue.Empty:
-                    if names := self._alive_now(probe or "*", left):
+                    if names := self._alive_now(probe, left):
                         return names[0]
         finally:
             watch.undeclare()
@@ -203,7 +213,7 @@ class Client:
         """
         alive = self.alive()
         if probe is not None:
-            if probe not in alive:
+            if probe not in alive and not self._alive_now(probe):
                 raise ProbeUnknown(f"no probe {probe}; {_choice(alive)}")
             return probe
         if len(alive) != 1:
@@ -220,8 +230,10 @@ class Client:
         """
         if probe is None:
             return
-        known = {*self.alive(), *(str(each["probe"]) for each in self.statuses())}
-        if known and probe not in known:
+        statuses = self.statuses()
+        known = {*self.alive(), *(str(each["probe"]) for each in statuses)}
+        ids = {each.get("probe_id") for each in statuses}
+        if known and probe not in known | ids:
             raise ProbeUnknown(f"no probe {probe}; {_choice(sorted(known))}")
 
     def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]:
@@ -235,7 +247,7 @@ class Client:
         self, probe: str, name: str, arguments: dict[str, str], timeout_s: float
     ) -> dict[str, Any]:
         self.check_may(access.CMD + name)
-        answer = self._query(f"{probe}/{access.CMD}{name}", arguments, timeout_s)
+        answer = self._query(self._key(probe, access.CMD + name), arguments, timeout_s)
         if answer is None:
             self.check_known(probe)
             raise NoReply(
@@ -247,7 +259,7 @@ class Client:
     def params(self, probe: str) -> dict[str, Any]:
         """The params of a probe: docs/params.md. ProbeUnknown if they are not known."""
         self.check_may("params")
-        answer = self._query(f"{probe}/params", {}, QUERY_TIMEOUT_S)
+        answer = self._query(self._key(probe, "params"), {}, QUERY_TIMEOUT_S)
         if answer is None:
             self.check_known(probe)
             raise ProbeUnknown(
@@ -261,7 +273,7 @@ class Client:
         """
         self.check_may("params")
         asked = {"digest": digest} if digest is not None else {"history": "1"}
-        answer = self._query(f"{probe}/params", asked, QUERY_TIMEOUT_S)
+        answer = self._query(self._key(probe, "params"), asked, QUERY_TIMEOUT_S)
         if answer is None:
             self.check_known(probe)
             raise ProbeUnknown(f"no probe {probe}; imud list shows the probes")
@@ -286,7 +298,7 @@ class Client:
         self, key: str, parameters: dict[str, str], timeout_s: float
     ) -> dict[str, Any] | None:
         """The answer to a query; None if there is none, CommandRefused if it is why."""
-        selector = f"{self._prefix}/{key}"
+        selector = key
         if parameters:
             selector += "?" + ";".join(f"{k}={v}" for k, v in parameters.items())
         for reply in self._session.get(selector, timeout=timeout_s):

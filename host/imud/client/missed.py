@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 
 import msgspec
 
@@ -69,6 +70,49 @@ class Series:
         at_end = 0 if self.last is None else max(0, self.told - self.last)
         network = self.network + at_end
         return Missed(self.wire, network, self.queue, self.unreadable, self.restarts)
+
+
+class Followed:
+    """The series of a subscription, by probe and topic: a probe is followed under every
+    name that it has. `name`: only whoever has that name is heard; what a probe
+    published under another one is not missed.
+    """
+
+    def __init__(self, name: str | None = None) -> None:
+        self._name = name
+        self._ids: dict[str, str] = {}  # by the latest names
+        self._heard: dict[str, str] = {}  # by topic: whose messages come
+        self._series: dict[tuple[str, str], Series] = {}
+
+    def of(self, probe: str, probe_id: str, topic: str) -> Series:
+        """The series of a message that has just arrived."""
+        probe_id = self._ids[probe] = probe_id or probe
+        series = self._series.setdefault((probe_id, topic), Series())
+        if self._name is not None and self._heard.get(topic) != probe_id:
+            self._heard[topic] = probe_id
+            series.last, series.told = None, 0
+        return series
+
+    def known(self, probe: str, topic: str) -> Series | None:
+        """The series of a probe, by its name or id; None: nothing has arrived."""
+        return self._series.get((self._ids.get(probe, probe), topic))
+
+    def last(self, probe: str) -> dict[str, int | None]:
+        """The last number of each topic of a probe."""
+        wanted = self._ids.get(probe, probe)
+        found = sorted(self._series.items(), key=itemgetter(0))
+        return {topic: each.last for (of, topic), each in found if of == wanted}
+
+    def missed(self, probe: str | None = None) -> Missed:
+        """Messages missed so far, of one probe or of all."""
+        wanted = None if probe is None else self._ids.get(probe, probe)
+        return combined(
+            {
+                key: series.missed()
+                for key, series in self._series.items()
+                if wanted in (None, key[0])
+            }
+        )
 
 
 def combined(parts: Mapping[tuple[str, str], Missed]) -> Missed:

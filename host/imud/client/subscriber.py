@@ -19,10 +19,11 @@ from typing import Any, Generic, Literal, Self, TypeVar, cast, overload
 import msgspec
 
 from imud.client.client import Client, Delivery
-from imud.client.missed import Missed, Series, combined
+from imud.client.missed import Followed, Missed, Series
 from imud.client.published import KINDS, Numbered, Pose, Published, Status, Topic
 from imud.defaults import ENDPOINT, PREFIX
 from imud.errors import ConfigError, ImudError
+from imud.net.access import is_id
 
 # How many messages may wait for this program: 30 s of one probe at 200 Hz.
 WAITING_MAX = 6000
@@ -59,7 +60,8 @@ class Subscription(Generic[T]):
         self._client = client
         self._waiting_max = waiting_max
         self._until_s = None if seconds is None else time.monotonic() + seconds
-        self._series: dict[tuple[str, str], Series] = {}
+        is_name = probe is not None and not is_id(probe)
+        self._series = Followed(probe if is_name else None)
         self._queue = _Queue()
         for topic in topics:
             decoder = msgspec.json.Decoder(KINDS[topic])
@@ -79,13 +81,12 @@ class Subscription(Generic[T]):
     def missed(self) -> Missed:
         """Messages missed so far, of all probes and topics."""
         with self._queue.wake:
-            parts = {key: series.missed() for key, series in self._series.items()}
-        return combined(parts)
+            return self._series.missed()
 
     def missed_of(self, probe: str, topic: Topic = "pose") -> Missed:
         """Messages missed so far, of one topic of one probe."""
         with self._queue.wake:
-            series = self._series.get((probe, topic))
+            series = self._series.known(probe, topic)
             return series.missed() if series is not None else Missed()
 
     @property
@@ -168,7 +169,7 @@ class Subscription(Generic[T]):
 
         def keep(delivery: Delivery) -> None:
             with self._queue.wake:
-                series = self._series.setdefault((delivery.probe, topic), Series())
+                series = self._series.of(delivery.probe, delivery.probe_id, topic)
                 try:
                     message = decoder.decode(delivery.payload)
                 except msgspec.MsgspecError:
@@ -191,7 +192,7 @@ class Subscription(Generic[T]):
 
     def _tell(self, status: Status, source: str) -> None:
         """A status says how many poses there were, also if none comes after a loss."""
-        poses = self._series.get((status.probe, "pose"))
+        poses = self._series.known(status.probe_id, "pose")
         number = status.quality.get("number")
         if poses is not None and number is not None:
             poses.tell(number, source)

@@ -30,8 +30,8 @@ from imud.endpoint import host_and_port, is_local, is_loopback, link_of
 from imud.igtl import names as igtl
 from imud.ros2 import topics
 
-# One part of a key. Zenoh gives the excluded characters a meaning.
-_NAME = re.compile(r"[^/*$#?\s]+")
+# One part of a key. Zenoh gives the excluded characters a meaning, and @ as the first.
+_NAME = re.compile(r"(?!@)[^/*$#?\s]+")
 _PREFIX = re.compile(rf"{_NAME.pattern}(/{_NAME.pattern})*")
 _ORIGIN = re.compile(r"null|https?://(\[[0-9a-f:.]+\]|[\w.-]+)(:[0-9]{1,5})?")
 _PROBE_ID = re.compile(r"[0-9a-f]{16}")
@@ -193,7 +193,12 @@ def _of_probes(probes: dict[str, ProbeSettings]) -> Iterator[Mistake]:
             yield Mistake(
                 (*path, "name"), f"{cut(probe.name)!r} can't be part of a key"
             )
-        if probe.name in names or probe.name in probes.keys() - {probe_id}:
+        if _PROBE_ID.fullmatch(probe.name) and probe.name != probe_id:
+            yield Mistake(
+                (*path, "name"),
+                f"{_quoted(probe.name)} could be the id of another probe",
+            )
+        elif probe.name in names or probe.name in probes.keys() - {probe_id}:
             yield Mistake(
                 (*path, "name"),
                 f"{_quoted(probe.name)} is also the name of another probe",

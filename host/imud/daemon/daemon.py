@@ -74,7 +74,10 @@ class Daemon:
         self._selector = selector  # of the loop
         self._hub = Hub()
         self._journal = Journal(config.journal.quiet_s, config.journal.burst)
-        self._outputs = Outputs(self._hub, self._on_command, self._on_notice)
+        self._outputs = Outputs(
+            *(self._hub, self._on_command, self._on_notice),
+            lambda name: self._registry.id_of(name),
+        )
         self._intake = Intake(config, self._hub, self._journal)
         self._registry = self._intake.registry
         self._reports = self._intake.reports

@@ -53,8 +53,16 @@ class Wanted:
 class Outputs:
     """Keeps the hub's sinks as the configuration has them."""
 
-    def __init__(self, hub: Hub, on_command: OnCommand, on_notice: OnNotice) -> None:
+    def __init__(
+        self,
+        hub: Hub,
+        on_command: OnCommand,
+        on_notice: OnNotice,
+        id_of: Callable[[str], str | None],
+    ) -> None:
+        """`id_of`: the id of the probe of a name."""
         self._hub = hub
+        self._id_of = id_of
         self._on_command = on_command
         self._on_notice = on_notice
         self._made_of: dict[str, object] = {}  # settings of each sink
@@ -185,7 +193,8 @@ class Outputs:
         # Where only probes are renamed, subscribers keep their connection.
         before = self._network if self._made_of.get(NETWORK) == network else None
         self._network = ZenohSink(
-            *(network, self._on_command, self._on_notice, before, self._hear_body)
+            *(network, self._on_command, self._on_notice, before, self._hear_body),
+            self._id_of,
         )
         return self._network
 

@@ -197,7 +197,13 @@ class Registry:
         return self._by_id[probe_id]
 
     def named(self, name: str) -> ProbeEntry | None:
-        return self._by_name.get(name)
+        """The probe of that name or id: no name can be an id."""
+        return self._by_name.get(name) or self._by_id.get(name)
+
+    def id_of(self, name: str) -> str | None:
+        """The id of the probe of that name. Any thread may ask."""
+        entry = self._by_name.get(name)
+        return entry.probe.probe_id if entry is not None else None
 
     def add(self, probe_id: str) -> ProbeEntry:
         """The probe of that id, which may be known."""

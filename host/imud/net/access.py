@@ -6,6 +6,7 @@ What no rule allows is denied. Zenoh sends no reply to a denied request.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -61,6 +62,21 @@ BODIES, BODY_STATE = "body", "state"
 # A publisher's history, below its key, as Zenoh's extension keeps it.
 HISTORY = "@adv/**"
 
+# A probe's keys also exist by its id, which it has under every name. `*` and `**` don't
+# match them, so that nobody gets a message twice.
+BY_ID = "@id"
+_ID = re.compile(r"[0-9a-f]{16}")
+
+
+def is_id(text: str) -> bool:
+    """Whether it is the id of a probe, which no name can be."""
+    return _ID.fullmatch(text) is not None
+
+
+def address(probe: str | None) -> str:
+    """The part of a key for the probe of a name or an id; None: every probe."""
+    return f"{BY_ID}/{probe}" if probe and is_id(probe) else probe or "*"
+
 
 def who_may(do: str) -> list[Role]:
     """The roles that may send commands (COMMAND), send that one (cmd/NAME), or read
@@ -111,19 +127,19 @@ def rules(
 def _rules_of(role: Role, prefix: str) -> list[Rule]:
     """The rules of a role. Ingress comes from the user, egress goes to the user."""
     if role == "daemon":
-        everything = ["**", ROS2_TOKENS, f"{prefix}/*/pose/{HISTORY}"]
+        everything = ["**", ROS2_TOKENS]
+        everything += _keys(prefix, "**", f"pose/{HISTORY}")
         return [
             _rule(role, flow, "all", _MESSAGES, everything)
             for flow in ("ingress", "egress")
         ]
-    read = [f"{prefix}/*/{topic}" for topic in READS[role]]
+    read = _keys(prefix, *READS[role])
     read.append(f"{prefix}/{BODIES}/*/{BODY_STATE}")
-    asked = [f"{prefix}/*/{topic}" for topic in ("status", "params")]
-    asked.append(f"{prefix}/*/pose/{HISTORY}")
-    replies = [*asked, f"{prefix}/*/pose"]  # the history replies on the pose's key
+    asked = _keys(prefix, "status", "params", f"pose/{HISTORY}")
+    replies = [*asked, *_keys(prefix, "pose")]  # the history replies on the pose's key
     read += [f"*/**/{kind.dds}/*" for kind in ROS2_READS[role]]
-    alive = [f"{prefix}/*/alive", ROS2_TOKENS]
-    commands = [f"{prefix}/*/{end}" for end in _commands_of(role)]
+    alive = [*_keys(prefix, "alive"), ROS2_TOKENS]
+    commands = _keys(prefix, *_commands_of(role))
     asked += commands
     replies += commands
     watch = ["declare_liveliness_subscriber", "liveliness_query"]
@@ -148,6 +164,11 @@ _MESSAGES = [
     "liveliness_query",
     "declare_liveliness_subscriber",
 ]
+
+
+def _keys(prefix: str, *ends: str) -> list[str]:
+    """The keys with these ends, of every probe by its name and by its id."""
+    return [f"{prefix}/{of}/{end}" for of in ("*", f"{BY_ID}/*") for end in ends]
 
 
 def _rule(

@@ -22,7 +22,9 @@ BY_NETWORK = "network"
 
 
 class Queries:
-    """Its calls come from threads of Zenoh. `last` has payloads by probe and topic."""
+    """Its calls come from threads of Zenoh. `last` has payloads by probe and topic.
+    `of` is the part of a key by which the probe was asked.
+    """
 
     def __init__(
         self,
@@ -34,10 +36,10 @@ class Queries:
         self._last = last
         self._on_command = on_command
 
-    def _key(self, probe: str, last: str) -> str:
-        return f"{self._prefix}/{probe}/{last}"
+    def _key(self, of: str, last: str) -> str:
+        return f"{self._prefix}/{of}/{last}"
 
-    def tell(self, probe: str, topic: str, query: zenoh.Query) -> None:
+    def tell(self, probe: str, of: str, topic: str, query: zenoh.Query) -> None:
         """Answers a query with the last payload of a topic; not at all if there is
         none.
         """
@@ -45,24 +47,24 @@ class Queries:
             payload = self._last.get((probe, topic))
             if payload is not None:
                 query.reply(
-                    self._key(probe, topic),
+                    self._key(of, topic),
                     payload,
                     encoding=zenoh.Encoding.APPLICATION_JSON,
                 )
 
-    def tell_params(self, probe: str, query: zenoh.Query) -> None:
+    def tell_params(self, probe: str, of: str, query: zenoh.Query) -> None:
         """The last payload; with parameters, something of the history."""
         if str(query.parameters):
-            self.pass_on(probe, HISTORY, "params", query)
+            self.pass_on(probe, HISTORY, self._key(of, "params"), query)
         else:
-            self.tell(probe, "params", query)
+            self.tell(probe, of, "params", query)
 
-    def take(self, probe: str, query: zenoh.Query) -> None:
+    def take(self, probe: str, of: str, query: zenoh.Query) -> None:
         name = str(query.key_expr).rpartition("/")[2]
-        self.pass_on(probe, name, f"cmd/{name}", query)
+        self.pass_on(probe, name, self._key(of, f"cmd/{name}"), query)
 
-    def pass_on(self, probe: str, name: str, last: str, query: zenoh.Query) -> None:
-        """Has a command carried out; the answer is on the key that ends in `last`."""
+    def pass_on(self, probe: str, name: str, key: str, query: zenoh.Query) -> None:
+        """Has a command carried out; the answer is on `key`."""
         parameters = dict(_pairs(str(query.parameters)))
 
         def answer(payload: bytes, error: str) -> None:
@@ -70,11 +72,7 @@ class Queries:
                 if error:
                     query.reply_err(error, encoding=zenoh.Encoding.TEXT_PLAIN)
                 else:
-                    query.reply(
-                        self._key(probe, last),
-                        payload,
-                        encoding=zenoh.Encoding.APPLICATION_JSON,
-                    )
+                    query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
 
         self._on_command(probe, name, parameters, answer, BY_NETWORK)
 

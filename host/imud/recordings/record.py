@@ -20,11 +20,11 @@ from typing import Any
 import msgspec
 
 from imud.client.client import Client, Delivery
-from imud.client.missed import Missed, Series, combined
+from imud.client.missed import Followed, Missed, Series
 from imud.client.published import Numbered
 from imud.errors import FileError
 from imud.log.file import Settings
-from imud.net.access import READS
+from imud.net.access import READS, is_id
 from imud.probes.record import Record
 from imud.sinks.log import FLUSH_S, LogSink
 from imud.wire import schema
@@ -60,7 +60,8 @@ class Recorder:
         self._encoder = msgspec.json.Encoder()
         self._lock = threading.Lock()
         self._waiting: deque[Arrival] = deque()
-        self._series: dict[tuple[str, str], Series] = {}
+        is_name = probe is not None and not is_id(probe)
+        self._series = Followed(probe if is_name else None)
         self._hellos: dict[str, bytes] = {}
         self._params: dict[str, bytes] = {}
         self.overflowed: Counter[str] = Counter()  # by probe: the disk was too slow
@@ -122,7 +123,7 @@ class Recorder:
             try:
                 message = self._numbered.decode(payload)
             except msgspec.DecodeError:
-                self._of(probe, topic).unreadable += 1
+                self._of(delivery, topic).unreadable += 1
                 return
             sequence = message.seq & 0xFFFFFFFF
             sampled_ns = t_ns if message.t_ns is None else message.t_ns
@@ -138,7 +139,7 @@ class Recorder:
         self, topic: str, message: Numbered, delivery: Delivery, t_ns: int
     ) -> bool:
         """Notes what is missing before this message; False for a duplicate."""
-        series = self._of(delivery.probe, topic)
+        series = self._of(delivery, topic)
         before, last = series.missed(), series.last
         if not series.count(message, delivery.source):
             return False
@@ -178,18 +179,12 @@ class Recorder:
         )
         self._attempt(probe, lambda: self._sink.write(record))
 
-    def _of(self, probe: str, topic: str) -> Series:
-        return self._series.setdefault((probe, topic), Series())
+    def _of(self, delivery: Delivery, topic: str) -> Series:
+        return self._series.of(delivery.probe, delivery.probe_id, topic)
 
     def missed(self, probe: str | None = None) -> Missed:
         """Missing messages so far, of one probe or of all."""
-        return combined(
-            {
-                key: series.missed()
-                for key, series in self._series.items()
-                if probe is None or key[0] == probe
-            }
-        )
+        return self._series.missed(probe)
 
     def summary(self) -> dict[str, Any]:
         """Counts of each probe, as JSON values."""
@@ -199,11 +194,7 @@ class Recorder:
                 "written": self.written[probe],
                 "unwritten": self.unwritten[probe] + self.overflowed[probe],
                 "missed": msgspec.to_builtins(self.missed(probe)),
-                "last": {
-                    topic: series.last
-                    for (each, topic), series in sorted(self._series.items())
-                    if each == probe
-                },
+                "last": self._series.last(probe),
             }
             for probe in probes
         }

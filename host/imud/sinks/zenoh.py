@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -13,13 +14,47 @@ from zenoh.handlers import Callback
 
 from imud.config.settings import ZenohSettings
 from imud.errors import NetworkError
-from imud.net import network, refusals
+from imud.net import access, network, refusals
 from imud.net.access import BODIES, BODY_STATE
 from imud.net.guard_process import GuardProcess
 from imud.net.queries import OnCommand, Queries
 from imud.probes.record import Presence, Record
 
-Publisher = zenoh.Publisher | zenoh.ext.AdvancedPublisher
+
+class Publisher:
+    """Publishes a topic of a probe by its name and by its id, with both attached. Late
+    subscribers can get the last `history` poses.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        prefix: str,
+        probe: tuple[str, str | None],
+        topic: str,
+        history: int,
+    ) -> None:
+        """`probe`: its name and its id, None where that is not known."""
+        name, probe_id = probe
+        self._each: list[Any] = [
+            declare_publisher(session, f"{prefix}/{of}/{topic}", history)
+            for of in addresses(name, probe_id)
+        ]
+        self._attached = f"{probe_id} {name}".encode() if probe_id else None
+
+    def put(self, payload: bytes) -> None:
+        for each in self._each:
+            each.put(payload, attachment=self._attached)
+
+    def undeclare(self) -> None:
+        for each in self._each:
+            each.undeclare()
+
+
+def addresses(name: str, probe_id: str | None) -> list[str]:
+    """The parts of keys under which a probe is found."""
+    return [name, access.address(probe_id)] if probe_id else [name]
+
 
 # Time to close: what a slow subscriber has not taken by then is dropped.
 PATIENCE_S = 0.8
@@ -54,7 +89,9 @@ class ZenohSink:
         on_notice: OnNotice = lambda *_: None,
         before: ZenohSink | None = None,
         on_body: OnBody = lambda *_: None,
+        id_of: Callable[[str], str | None] = lambda _: None,
     ) -> None:
+        """`id_of`: the id of the probe of a name; None: unknown. Any thread asks."""
         self._before = before
         self._is_followed = False
         self._left: zenoh.Session | None = None  # to the sink that follows
@@ -65,6 +102,7 @@ class ZenohSink:
         self._prefix = settings.prefix
         self._on_notice = on_notice
         self._on_body = on_body
+        self._id_of = id_of
         self._bodies: zenoh.Subscriber[None] | None = None
         self._session: zenoh.Session | None = None
         self._guard: GuardProcess | None = None
@@ -74,7 +112,7 @@ class ZenohSink:
         self._publishers: dict[tuple[str, str], Publisher] = {}
         self._declared: dict[str, list[Any]] = {}
         self._links: zenoh.LinkEventsListener[None] | None = None
-        self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._tokens: dict[str, list[zenoh.LivelinessToken]] = {}
         self._known: set[str] = (
             set()
         )  # probes whose liveliness is declared or withdrawn
@@ -222,7 +260,8 @@ class ZenohSink:
 
     def _undeclare(self) -> None:
         """Leaves nothing of its own in a session that another sink takes over."""
-        own: list[Any] = [*self._publishers.values(), *self._tokens.values()]
+        own: list[Any] = [*self._publishers.values()]
+        own += [each for tokens in self._tokens.values() for each in tokens]
         own += [each for declared in self._declared.values() for each in declared]
         own += [each for each in (self._links, self._bodies) if each is not None]
         for each in own:
@@ -234,31 +273,32 @@ class ZenohSink:
     def _put(self, session: zenoh.Session, probe: str, topic: str, data: bytes) -> None:
         publisher = self._publishers.get((probe, topic))
         if publisher is None:
-            key = self._key(probe, topic)
-            publisher = declare_publisher(session, key, self._settings.history)
+            both = probe, self._id_of(probe)
+            publisher = Publisher(
+                *(session, self._prefix, both, topic, self._settings.history)
+            )
             self._publishers[probe, topic] = publisher
         publisher.put(data)
 
     def _declare(self, session: zenoh.Session, probe: str) -> None:
-        status, params = self._key(probe, "status"), self._key(probe, "params")
-        command = self._key(probe, "cmd/*")
+        served: dict[str, Callable[[str, Any], None]] = {
+            "status": lambda of, q: self._queries.tell(probe, of, "status", q),
+            "params": lambda of, q: self._queries.tell_params(probe, of, q),
+            "cmd/*": lambda of, q: self._queries.take(probe, of, q),
+        }
         self._declared[probe] = [
-            session.declare_queryable(
-                status, _direct(lambda q: self._queries.tell(probe, "status", q))
-            ),
-            session.declare_queryable(
-                params, _direct(lambda q: self._queries.tell_params(probe, q))
-            ),
-            session.declare_queryable(
-                command, _direct(lambda q: self._queries.take(probe, q))
-            ),
+            session.declare_queryable(self._key(of, end), _direct(partial(serve, of)))
+            for of in addresses(probe, self._id_of(probe))
+            for end, serve in served.items()
+        ]
+        self._declared[probe].append(
             # No other program should publish there.
             session.declare_subscriber(
                 self._key(probe, "*"),
                 _direct(self._tell_other),
                 allowed_origin=zenoh.Locality.REMOTE,
-            ),
-        ]
+            )
+        )
 
     def _leave(self, probe: str) -> None:
         """Withdraws from the keys of a probe that another daemon serves."""
@@ -272,8 +312,7 @@ class ZenohSink:
         self._set_alive(session, probe, is_alive=False)
         self._leave(probe)
         for key in [each for each in self._publishers if each[0] == probe]:
-            publisher: Any = self._publishers.pop(key)
-            publisher.undeclare()
+            self._publishers.pop(key).undeclare()
         self._known.discard(probe)
         self._elsewhere.discard(probe)
 
@@ -328,11 +367,13 @@ class ZenohSink:
     def _set_alive(self, session: zenoh.Session, probe: str, *, is_alive: bool) -> None:
         self._known.add(probe)
         if not is_alive:
-            if (token := self._tokens.pop(probe, None)) is not None:
+            for token in self._tokens.pop(probe, []):
                 token.undeclare()
         elif probe not in self._tokens:
-            key = self._key(probe, "alive")
-            self._tokens[probe] = session.liveliness().declare_token(key)
+            self._tokens[probe] = [
+                session.liveliness().declare_token(self._key(of, "alive"))
+                for of in addresses(probe, self._id_of(probe))
+            ]
 
 
 def _direct(tell: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -361,7 +402,9 @@ def is_probe_gone(payload: bytes) -> bool:
         return False
 
 
-def declare_publisher(session: zenoh.Session, key: str, history: int) -> Publisher:
+def declare_publisher(
+    session: zenoh.Session, key: str, history: int
+) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
     """A publisher of a topic, the last part of `key`. Late subscribers can get the last
     `history` poses.
 

@@ -31,6 +31,8 @@ OTHERS_S = 0.1
 # A message may be sent this share of a period before it is due.
 SLACK = 0.4
 
+NO_IDS: Mapping[str, str] = {}
+
 Send = Callable[[bytes], Awaitable[None]]
 
 _encode = msgspec.json.Encoder().encode
@@ -39,10 +41,14 @@ _encode = msgspec.json.Encoder().encode
 class Browser:
     """Belongs to the server's loop, which makes all calls."""
 
-    def __init__(self, window: int | None = WINDOW) -> None:
+    def __init__(
+        self, window: int | None = WINDOW, ids: Mapping[str, str] = NO_IDS
+    ) -> None:
         """`window`: messages that it may be behind with. None: it is a program, which
         need not report what it has seen; how fast it reads is what holds it back.
+        `ids`: the present ids of probes, by name.
         """
+        self._ids = ids
         self._window = window
         self._reads: frozenset[str] = frozenset()
         self._every: frozenset[Key] = frozenset()
@@ -66,11 +72,18 @@ class Browser:
         self._reads = reads
 
     def watch(self, every: frozenset[Key], rate_hz: float, probe: str = "") -> None:
-        """Sets of what it wants every payload, how often it draws, and which probe."""
+        """Sets of what it wants every payload, how often it draws, and which probe: by
+        its name, or by its id under every name.
+        """
         self._probe = probe
         self._every = frozenset(key for key in every if key[1] in STREAMS)
-        self._waiting = {k: v for k, v in self._waiting.items() if k in self._every}
+        self._waiting = {k: v for k, v in self._waiting.items() if self._wants(k)}
         self._period_s = 1.0 / rate_hz
+
+    def _wants(self, key: Key) -> bool:
+        """Whether it asked for every payload of a key."""
+        own = self._ids.get(key[0], key[0]), key[1]
+        return key in self._every or own in self._every
 
     @property
     def answers(self) -> int:
@@ -101,17 +114,21 @@ class Browser:
             topic = key[1]
             if topic not in self._reads:
                 continue
-            if key in self._every or topic in EVENTS:
+            if topic in EVENTS or self._wants(key):
                 waiting = self._waiting.setdefault(key, deque())
                 waiting.extend(payloads)
                 while len(waiting) > WAITING_MAX:
                     waiting.popleft()
                     self.left_out += 1
-            elif topic == "pose" and self._probe not in ("", key[0]):
+            elif topic == "pose" and self._is_other(key[0]):
                 self._others[key] = payloads[-1]
             elif topic in LATEST:
                 self._latest[key] = payloads[-1]
         self._wake.set()
+
+    def _is_other(self, probe: str) -> bool:
+        """Whether another probe than this one is looked at."""
+        return self._probe not in ("", probe, self._ids.get(probe, ""))
 
     def say(self, message: Mapping[str, Any]) -> None:
         """Something of the server's own, such as the answer to a command."""

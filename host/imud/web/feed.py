@@ -9,6 +9,8 @@ import threading
 from collections import deque
 from collections.abc import Iterable, Mapping
 
+import msgspec
+
 Key = tuple[str, str]  # probe and topic
 
 CALIBRATION = "calibration"  # the server's own: how a guided calibration does
@@ -31,6 +33,21 @@ FRESH_MAX = 1000
 KEYS_MAX = 2048
 
 
+class _Status(msgspec.Struct):
+    probe_id: str = ""
+
+
+_STATUS = msgspec.json.Decoder(_Status)
+
+
+def _id_in(status: bytes) -> str:
+    """The id of the probe; empty if the status does not say it."""
+    try:
+        return _STATUS.decode(status).probe_id
+    except msgspec.DecodeError:
+        return ""
+
+
 class Feed:
     """Gathers payloads by probe and topic."""
 
@@ -38,6 +55,7 @@ class Feed:
         self._lock = threading.Lock()
         self._fresh: dict[Key, deque[bytes]] = {}
         self._last: dict[Key, bytes] = {}
+        self.ids: dict[str, str] = {}  # of probes, by name, as their statuses say
         self.is_watched = False  # else only the last payload is kept
 
     def add(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
@@ -49,6 +67,8 @@ class Feed:
                 if key not in self._last and len(self._last) >= KEYS_MAX:
                     continue
                 self._last[key] = payload
+                if key[1] == "status":
+                    self.ids[key[0]] = _id_in(payload)
                 if not self.is_watched:
                     continue
                 if key[1] not in STREAMS and key[1] not in EVENTS:
@@ -64,6 +84,7 @@ class Feed:
             self._last = {
                 key: last for key, last in self._last.items() if key[1] == BODY
             }
+            self.ids.clear()
 
     def swap(self) -> Mapping[Key, deque[bytes]]:
         """Messages since the last call."""

@@ -232,9 +232,11 @@ class Page:
         if request is not None and responses.path_of(request) == responses.STREAM:
             with contextlib.suppress(ConnectionClosed):
                 await connection.send(STREAM_HEAD, text=True)
-            browser, send = Browser(window=None), partial(connection.send, text=True)
+            browser = Browser(window=None, ids=self._feed.ids)
+            send = partial(connection.send, text=True)
         else:
-            browser, send = Browser(), partial(connection.send, text=False)
+            browser = Browser(ids=self._feed.ids)
+            send = partial(connection.send, text=False)
         session = BrowserSession(
             self._context, connection, browser, next(self._numbers)
         )

@@ -55,6 +55,7 @@ class Line:
         topic: str = "pose",
         source: str = "one",
         probe: str = "p",
+        carrier: str = "",
         **changes: Any,
     ) -> None:
         values = {
@@ -74,7 +75,8 @@ class Line:
             "cause": "command",
             "detail": 0,
         } | changes
-        self.callbacks[topic](Delivery(probe, json.dumps(values).encode(), source))
+        payload = json.dumps(values).encode()
+        self.callbacks[topic](Delivery(probe, payload, source, carrier))
 
 
 def line_and(
@@ -83,7 +85,8 @@ def line_and(
     line: Any = Line()
     given = {"history": 0, "seconds": None} | options
     topics = topics or ("pose",)
-    return line, Subscription(line, None, topics, waiting_max=waiting_max, **given)
+    given = {"probe": None} | given
+    return line, Subscription(line, topics=topics, waiting_max=waiting_max, **given)
 
 
 def numbers(subscription: Subscription[Any], count: int) -> list[int]:
@@ -144,6 +147,23 @@ def test_probes_are_counted_apart() -> None:
         line.say(1 + step, probe=probe)
     assert subscription.missed_of("a") == Missed()
     assert subscription.missed_of("b") == Missed(network=2)
+
+
+def test_a_probe_is_counted_on_under_another_name() -> None:
+    line, subscription = line_and()
+    line.say(1, probe="a", carrier="1" * 16)
+    line.say(2, probe="b", carrier="1" * 16)
+    line.say(7, probe="b", carrier="1" * 16)
+    assert subscription.missed == Missed(network=4)
+    assert subscription.missed_of("b") == subscription.missed_of("1" * 16)
+
+
+def test_a_name_that_goes_to_another_probe_and_back_loses_nothing() -> None:
+    line, subscription = line_and(probe="stylus")
+    for number, carrier in ((500, "1"), (3, "2"), (4, "2"), (900, "1"), (902, "1")):
+        line.say(number, probe="stylus", carrier=carrier * 16)
+    assert numbers(subscription, 5) == [500, 3, 4, 900, 902]
+    assert subscription.missed == Missed(network=1)
 
 
 @pytest.mark.parametrize("over", [0, 1, 50])

@@ -165,6 +165,11 @@ def test_a_port_may_have_a_rate_of_its_own(
             'streams: [] is not a list of 1 or more: "pose" or "raw"',
         ),
         ("[probes.00112233445566aa]\nname = 'a/b'", "'a/b' can't be part"),
+        ("[probes.00112233445566aa]\nname = '@b'", "'@b' can't be part"),
+        (
+            "[probes.00112233445566aa]\nname = '00112233445566ab'",
+            '"00112233445566ab" could be the id of another probe',
+        ),
         (
             "[probes.00112233445566aa]\nname = 'x'\n"
             "[probes.00112233445566ab]\nname = 'x'",

@@ -63,6 +63,11 @@ def test_a_renamed_probe_costs_no_subscriber_its_connection(tmp_path: Path) -> N
         client.wait_for("tip")
         heard: queue.SimpleQueue[str] = queue.SimpleQueue()
         client.subscribe("pose", None, lambda name, _: heard.put(name))
+        by_id: queue.SimpleQueue[str] = queue.SimpleQueue()
+        client.subscribe("pose", probe.name, lambda name, _: by_id.put(name))
+        every = "imud/**"
+        seen: list[object] = []
+        client.session.declare_subscriber(every, lambda s: seen.append(s.key_expr))
         client.statuses()  # then the daemon knows who subscribes
         links: list[object] = []
         listener = client.session.info.declare_link_events_listener(links.append)
@@ -72,9 +77,14 @@ def test_a_renamed_probe_costs_no_subscriber_its_connection(tmp_path: Path) -> N
             assert client.wait_for(new) == new
             assert client.alive() == [new]
             port.write(probe.poses(1))
-            assert heard.get() == new
+            assert (heard.get(), by_id.get()) == (new, new)
+            assert client.only_probe(probe.name) == client.wait_for(probe.name)
+            assert client.command(probe.name, "mark", value="1")["ok"]
+            assert client.statuses(probe.name) == client.statuses(new)
             ledger_when(client, lambda each: each["adds_up"])
             assert [status["probe"] for status in client.statuses()] == [new]
+        assert not by_id.qsize()
+        assert not [key for key in seen if "@" in str(key)]
         assert links == []
         listener.undeclare()
         daemon.stop()
