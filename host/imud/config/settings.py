@@ -53,13 +53,17 @@ class LogSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         int,
         Meta(
             ge=0,
-            description="remove the oldest finished files of the daemon while all of "
-            "them in that folder take more than this; 0: keep all",
+            description="remove the oldest files of the daemon while all of them in "
+            "that folder take more than this; 0: keep all",
         ),
     ] = 0
     keep_days: Annotated[
         float,
-        Meta(ge=0, description="and those that ended this many days ago; 0: keep all"),
+        Meta(
+            ge=0,
+            description="and those that ended this many days ago, once the clock "
+            "is known to follow UTC; 0: keep all",
+        ),
     ] = 0.0
     foxglove: Annotated[
         bool, Meta(description="also log poses as foxglove.PoseInFrame, for Foxglove")

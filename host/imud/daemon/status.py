@@ -9,11 +9,11 @@ from typing import Any
 
 import msgspec
 
-from imud.daemon.host_clock import Sync
 from imud.daemon.log_state import LogState
 from imud.daemon.params_watch import summary
 from imud.daemon.registry import ProbeEntry
 from imud.daemon.sensor_watch import sensors_of
+from imud.machine.utc import Sync
 from imud.probes.balance import SinkCounts, balance
 from imud.probes.record import plain
 from imud.probes.timeline import Timeline

@@ -9,6 +9,7 @@ is what our own tools read. The others hold JSON for other tools.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BufferedWriter
 
@@ -47,7 +48,13 @@ class LogFile:
     params, which the file may have no frames of.
     """
 
-    def __init__(self, file: BufferedWriter, settings: Settings) -> None:
+    def __init__(
+        self,
+        file: BufferedWriter,
+        settings: Settings,
+        origin: Mapping[str, str] | None = None,
+    ) -> None:
+        """`origin`: where it belongs among others (`log/retention`)."""
         self._file = file
         self._settings = settings
         self._schemas: dict[str, int] = {}
@@ -57,6 +64,8 @@ class LogFile:
         self.index_size = 0
         self._writer = LogWriter(file, f"imud {version()}")
         fingerprint = f"{schema.FINGERPRINT:#010x}"
+        if origin:
+            self._add_metadata("origin", dict(origin))
         self._add_metadata(
             "imud", {"version": version(), "schema_fingerprint": fingerprint}
         )

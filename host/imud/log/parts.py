@@ -45,6 +45,8 @@ DAMAGE = (
     zstandard.ZstdError,
 )
 
+_HEAD_MAX = 4096  # the header and the first metadata have some 300 bytes
+
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _FOOTER = struct.Struct("<QQI")  # where summary and its index begin; CRC
 _KINDS = range(int(Opcode.HEADER), int(Opcode.DATA_END) + 1)
@@ -71,6 +73,24 @@ class RecordGroup:
 
     end: int
     records: ChunkRecords | list[Metadata]
+
+
+def first_metadata(file: BinaryIO) -> dict[str, str]:
+    """The metadata that a log of ours begins with; empty where there is none."""
+    data = file.read(_HEAD_MAX)
+    at = len(MAGIC)
+    try:
+        for _ in range(2):  # the header comes first
+            kind, length = _RECORD.unpack_from(data, at)
+            at += _RECORD.size
+            if kind == Opcode.METADATA:
+                stream = ReadDataStream(BytesIO(data[at : at + length]))
+                found = Metadata.read(stream)
+                return dict(found.metadata) if is_sealed(found) else {}
+            at += length
+    except DAMAGE:
+        pass
+    return {}
 
 
 def records_of(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int]]:

@@ -8,15 +8,19 @@ import json
 import logging
 import math
 import os
+import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from io import BufferedWriter
 from pathlib import Path
 
 from imud.errors import FileError
 from imud.log.file import LogFile, Settings
-from imud.log.retention import KeptLogs
+from imud.log.finish import finish_all
+from imud.log.retention import STAMP, KeptLogs, origin, ours_in
 from imud.machine import system
+from imud.machine.utc import sync_of_host
 from imud.probes.record import Presence, Record
 
 # Data goes to the kernel this often. The promise is 0.25 s; the rest is for a busy
@@ -34,6 +38,11 @@ INDEX_MAX = 600_000
 
 # Old logs are looked for this often, and when a file begins.
 SWEEP_S = 10.0
+
+# No log is removed for its age until this machine's clock has followed UTC without a
+# step for so long.
+STEADY_S = 600.0
+STEP_S = 60.0
 
 # Logging resumes when the free space is this many times the floor: no new file for each
 # few blocks that become free.
@@ -60,6 +69,10 @@ class LogSink:
         self._syncing: Future[None] | None = None
         self._sweeping: Future[KeptLogs] | None = None
         self._swept_s = -math.inf
+        self._finishing: threading.Thread | None = None
+        self._ahead_s = math.nan  # of UTC to the monotonic clock
+        self._steady_s = math.inf  # monotonic, since when that is the same
+        self._excess = ""
         self.kept: KeptLogs | None = None  # of the last look at the folder
         self._log: LogFile | None = None
         self._began_s = 0.0
@@ -75,7 +88,11 @@ class LogSink:
             if self._is_full(system.free_bytes(self._directory)):
                 self._is_paused = True
                 return
-            self.path, file = self._create()
+            before = [path for path, _ in ours_in(self._directory)]
+            stamp = time.strftime(STAMP, time.gmtime())
+            is_dated = sync_of_host().is_synchronised is not False
+            place = origin(self._directory, stamp, is_dated=is_dated)
+            self.path, file = self._create(stamp)
         except OSError as error:
             raise FileError(
                 f"can't log to {self._directory}: {error.strerror}; choose another "
@@ -85,8 +102,13 @@ class LogSink:
         self._has_flushed = False
         self._syncer = self._syncer or ThreadPoolExecutor(1, "imud-sync")
         self._began_s = time.monotonic()
-        self._log = LogFile(file, self.settings)
+        self._log = LogFile(file, self.settings, place)
         self._swept_s = -math.inf
+        if self._finishing is None:
+            self._finishing = threading.Thread(
+                target=self._finish_old, args=(before,), name="imud-finish", daemon=True
+            )
+            self._finishing.start()
 
     def write(self, record: Record | Presence) -> None:
         """Adds a record to the file, and begins one if there is none. FileError while
@@ -145,20 +167,48 @@ class LogSink:
         ):
             self._end()
 
+    def _finish_old(self, paths: list[Path]) -> None:
+        """Gives logs that were cut off their ends; in a thread of its own."""
+        done = []
+        for found in finish_all(paths, self.settings.floor_bytes):
+            if found.fault:
+                logger.warning("log: %s", found.fault)
+            else:
+                done.append(found)
+        if done:
+            logger.info(
+                "log: finished %d of %s that were cut off, with %d messages",
+                *(len(done), self._directory, sum(each.messages for each in done)),
+            )
+
+    def _is_dated(self) -> bool:
+        """Whether UTC is known well enough to remove a log for its age."""
+        now_s = time.monotonic()
+        ahead_s = time.time() - now_s
+        if not abs(ahead_s - self._ahead_s) < STEP_S:
+            self._steady_s = now_s
+        self._ahead_s = ahead_s
+        is_utc = sync_of_host().is_synchronised is not False
+        return is_utc and now_s - self._steady_s >= STEADY_S
+
     def _sweep(self) -> None:
         """Looks for logs to remove, now and then, and tells of what was removed."""
         retention = self.settings.retention
         if not retention or self._syncer is None:
             return
+        if self._finishing is not None and self._finishing.is_alive():
+            return  # what it finishes has its place among those to remove
         if self._sweeping is not None and self._sweeping.done():
             sweeping, self._sweeping = self._sweeping, None
             with contextlib.suppress(OSError):
                 self.kept = sweeping.result()
                 self._tell_removed(self.kept)
+                self._tell_excess(self.kept)
         if self._sweeping is None and time.monotonic() - self._swept_s >= SWEEP_S:
             self._swept_s = time.monotonic()
             # To remove a large file takes seconds on a slow disk.
-            self._sweeping = self._syncer.submit(retention.sweep, self._directory)
+            sweep = partial(retention.sweep, is_dated=self._is_dated())
+            self._sweeping = self._syncer.submit(sweep, self._directory)
 
     def _tell_removed(self, kept: KeptLogs) -> None:
         if not kept.removed:
@@ -169,6 +219,20 @@ class LogSink:
             "log.keep_days)",
             *(files, kept.removed_bytes / 1e6, kept.files, kept.bytes / 1e6),
         )
+
+    def _tell_excess(self, kept: KeptLogs) -> None:
+        """Once, that the folder can't be kept as small as told."""
+        why = kept.fault or (
+            "the newest logs stay: choose a smaller log.rotate_mb or a larger "
+            "log.keep_mb"
+        )
+        excess = why if kept.excess else ""
+        if excess and excess != self._excess:
+            logger.warning(
+                "log: %s has %.0f MB more than log.keep_mb; %s",
+                *(self._directory, kept.excess / 1e6, excess),
+            )
+        self._excess = excess
 
     def close(self) -> None:
         try:
@@ -215,19 +279,20 @@ class LogSink:
         if not self._has_flushed and self.path is not None:
             self.path.unlink(missing_ok=True)
 
-    def _create(self) -> tuple[Path, BufferedWriter]:
-        stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    def _create(self, stamp: str) -> tuple[Path, BufferedWriter]:
         number = 1
         while True:
             # Sorted by name is sorted by time: '_' comes after '.'.
             suffix = "" if number == 1 else f"_{number:03}"
             path = self._directory / f"imud-{stamp}{suffix}.mcap"
+            number += 1
             try:
                 file = path.open("xb")
             except FileExistsError:
-                number += 1
                 continue
             # Tells others that it is being written; not every file system can.
             with contextlib.suppress(OSError):
-                system.try_lock(file)
+                if not system.try_lock(file):
+                    file.close()  # another daemon looks at it as at one cut off
+                    continue
             return path, file

@@ -11,14 +11,15 @@ import pytest
 
 from imud.config.settings import Config
 from imud.daemon import host_clock
-from imud.daemon.host_clock import MAXERROR_US, STA_UNSYNC, TIME_ERROR, HostClock, Sync
-from imud.daemon.host_clock import sync_of_host as asked
+from imud.daemon.host_clock import HostClock
 from imud.daemon.hub import Hub
 from imud.daemon.lane import Item
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import Registry
 from imud.journal.output import Journal
+from imud.machine.utc import MAXERROR_US, STA_UNSYNC, TIME_ERROR, Sync
+from imud.machine.utc import sync_of_host as asked
 from imud.probes.record import Record
 from imud.probes.session import Probe, Session, Silent
 

@@ -97,8 +97,8 @@ def test_what_a_full_disk_did_not_take_is_counted_and_leaves_no_files(
     create = LogSink._create
     is_full = False
 
-    def opened(sink: LogSink) -> tuple[Path, Any]:
-        path, file = create(sink)
+    def opened(sink: LogSink, stamp: str) -> tuple[Path, Any]:
+        path, file = create(sink, stamp)
         if is_full:
             file.close()
             return path, Path("/dev/full").open("wb")
@@ -147,10 +147,10 @@ def test_a_folder_that_becomes_read_only_costs_what_comes_then(
     is_refused = False
     create = LogSink._create
 
-    def opened(sink: LogSink) -> tuple[Path, Any]:
+    def opened(sink: LogSink, stamp: str) -> tuple[Path, Any]:
         if is_refused:
             raise refused
-        return create(sink)
+        return create(sink, stamp)
 
     monkeypatch.setattr(LogSink, "_create", opened)
     with lane(sink, monkeypatch) as made:

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: MIT
+"""Copies the good parts of a log that was cut off or damaged, as a complete log."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from mcap.records import Channel, Message, Metadata, Schema
+
+from imud.log.parts import Damage, channels_of, parts_of, seal
+from imud.log.reader import opened
+from imud.log.writer import LogWriter
+from imud.version import version
+
+
+class Copy:
+    """Writes a log from the records of another."""
+
+    def __init__(self, writer: LogWriter) -> None:
+        self._writer = writer
+        self._schemas: dict[int, int] = {0: 0}
+        self._channels: dict[int, int] = {}
+        self.messages = 0
+        self.unknown = 0  # messages of a channel that is lost
+        self.damages: list[Damage] = []
+
+    def learn(self, records: Iterable[Schema | Channel]) -> None:
+        for record in records:
+            self.add(record)
+
+    def add(self, record: Schema | Channel | Message | Metadata) -> None:
+        writer = self._writer
+        if isinstance(record, Schema):
+            if record.id not in self._schemas:
+                self._schemas[record.id] = writer.register_schema(
+                    record.name, record.encoding, record.data
+                )
+        elif isinstance(record, Channel):
+            if record.id not in self._channels:
+                self._channels[record.id] = writer.register_channel(
+                    record.topic,
+                    record.message_encoding,
+                    self._schemas.get(record.schema_id, 0),
+                    record.metadata,
+                )
+        elif isinstance(record, Metadata):
+            writer.add_metadata(record.name, record.metadata)
+        elif record.channel_id in self._channels:
+            self.messages += 1
+            writer.add_message(
+                self._channels[record.channel_id],
+                record.log_time,
+                record.data,
+                record.publish_time,
+                record.sequence,
+            )
+        else:
+            self.unknown += 1
+
+
+def copy_good(path: Path, to: Path, on_progress: Callable[[int], None]) -> Copy:
+    """Writes `to`, and says what is in it. `on_progress` gets the offset in bytes."""
+    with opened(path) as file, to.open("wb") as out:
+        writer = LogWriter(out, f"imud {version()}")
+        copy = Copy(writer)
+        copy.learn(channels_of(path))
+        for each in parts_of(file, os.fstat(file.fileno()).st_size):
+            if isinstance(each, Damage):
+                copy.damages.append(each)
+                continue
+            for record in each.records:
+                copy.add(record)
+            writer.flush()  # damage of the copy is to cost no more
+            on_progress(each.end)
+        lost = str(sum(each.size for each in copy.damages))
+        origin = {"from": path.name, "bytes_lost": lost}
+        writer.add_metadata("recovered", seal("recovered", origin))
+        writer.finish()
+        os.fsync(out.fileno())
+    return copy
