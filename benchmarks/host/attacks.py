@@ -11,6 +11,8 @@ import multiprocessing
 import os
 import random
 import socket
+import ssl
+import subprocess
 import sys
 import tempfile
 import threading
@@ -23,6 +25,8 @@ from benchmarks import harness
 from benchmarks.common.load import free_endpoint
 from benchmarks.harness import Figure, Report, Table, ratio
 from benchmarks.host.live import live
+from imud.client import Client
+from imud.errors import ImudError
 from imud.net import keys
 
 PROBES = 4
@@ -30,6 +34,7 @@ IDLE = 100  # connections of an attack that are held at a time
 HOLD_S = 5.0
 ALONE, ATTACKED = "alone", "under attack"
 P99_RATIO = 2.0
+LOGINS = 40
 
 Address = tuple[str, int]
 
@@ -60,6 +65,69 @@ def noise(address: Address, _: bytes) -> None:
     """Bytes of chance."""
     chance = random.Random(1)  # noqa: S311
     flood(address, chance.randbytes(2000))
+
+
+def hello() -> bytes:
+    """The first record of a client of TLS."""
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    out = ssl.MemoryBIO()
+    with contextlib.suppress(ssl.SSLWantReadError):
+        context.wrap_bio(ssl.MemoryBIO(), out).do_handshake()
+    return out.read()
+
+
+def false_records(endpoint: Address, own: str, seconds: float) -> None:
+    """Ten connections a second of that address: a true hello, and in the same segment
+    data that no key has sealed.
+    """
+    until_s = time.monotonic() + seconds
+    data = hello() + b"\x17\x03\x03\0\x20" + bytes(32)
+    with contextlib.ExitStack() as stack:
+        while time.monotonic() < until_s:
+            with contextlib.suppress(OSError):
+                each = socket.create_connection(endpoint, 2.0, (own, 0))
+                stack.enter_context(each).sendall(data)
+            time.sleep(0.1)
+
+
+def logins(folder: Path, addresses: int) -> tuple[int, int]:
+    """How many of LOGINS clients get in while so many addresses attack the TLS port."""
+    ports = [int(free_endpoint().rpartition(":")[2]) for _ in range(3)]
+    endpoint = f"tls/127.0.0.1:{ports[0]}"
+    keys.initialise(folder / "keys", ["127.0.0.1"], ports[0])
+    config = folder / "imud.toml"
+    config.write_text(_guarded(folder, endpoint, ports))
+    words = [sys.executable, "-m", "imud", "run", "--config", str(config)]
+    daemon = subprocess.Popen(words, stderr=subprocess.DEVNULL)
+    viewer, admitted = folder / "keys" / "clients" / "viewer.toml", 0
+    while not _gets_in(endpoint, viewer):
+        time.sleep(0.1)
+    strangers = [
+        threading.Thread(
+            target=false_records,
+            args=(("127.0.0.1", ports[0]), f"127.0.0.{2 + number}", 30.0),
+        )
+        for number in range(addresses)
+    ]
+    for each in strangers:
+        each.start()
+    for _ in range(LOGINS):
+        admitted += _gets_in(endpoint, viewer)
+        time.sleep(0.5)
+    for each in strangers:
+        each.join()
+    daemon.terminate()
+    daemon.wait()
+    return admitted, LOGINS
+
+
+def _gets_in(endpoint: str, viewer: Path) -> bool:
+    try:
+        Client(endpoint, keys=viewer).close()
+    except ImudError:
+        return False
+    return True
 
 
 _GET = b"GET /%s HTTP/1.1\r\nHost: evil.example\r\n\r\n"
@@ -173,7 +241,14 @@ def measured(args: argparse.Namespace) -> Report:
         with tempfile.TemporaryDirectory() as folder:
             is_attacked = name == ATTACKED
             runs[name] = run(60.0 * minutes, Path(folder), is_attacked=is_attacked)
-    return Report([table_of(runs)], [*figures_of(runs)], runs)
+    table, figures = table_of(runs), [*figures_of(runs)]
+    for addresses in (1, 2, 3):
+        with tempfile.TemporaryDirectory() as folder:
+            admitted, of = logins(Path(folder), addresses)
+        runs[f"logins beside {addresses}"] = {"admitted": admitted, "of": of}
+        name = f"logins beside {addresses} attacking addresses, %"
+        figures.append(Figure(name, 100.0 * admitted / of, (95, 100), (99, 100)))
+    return Report([table], figures, runs)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -19,8 +19,9 @@ from fakes import PATIENCE_S
 from imud import serving
 from imud.web import connections, server, session
 from imud.web.server import MESSAGE_MAX
+from imud.web.users import TokenHolder
 from streaming import until
-from web.served import Served
+from web.served import Live, Served
 
 
 def test_the_page_and_its_modules_are_served_packed_and_guarded(served: Served) -> None:
@@ -202,6 +203,29 @@ def _serves(served: Served) -> bool:
     with contextlib.suppress(OSError, http.client.HTTPException):
         return served.get("/").status == 200
     return False
+
+
+def test_who_does_not_log_in_makes_room_and_is_closed_in_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connections, "STRANGERS_OF_ONE", 8)
+    users = TokenHolder("viewer")
+    with contextlib.closing(Served(users).page) as page, contextlib.ExitStack() as many:
+        url = page.url.replace("http", "ws") + "/live"
+        silent = [many.enter_context(connect(url, origin=page.url)) for _ in range(20)]
+        known = Live(many.enter_context(connect(url, origin=page.url)))
+        known.say(do="login", user="", secret=users.token)
+        while known.next("page")["role"] != "viewer":
+            pass
+        Live(silent[0]).until_closed()  # the oldest made room
+        assert silent[-1].recv(PATIENCE_S)
+        assert page.refused == {"connections": 13}
+        monkeypatch.setattr(connections, "LOGIN_S", 0.1)
+        late = many.enter_context(connect(url, origin=page.url))
+        Live(late).until_closed()
+        assert page.refused["silent"] == 1
+        known.say(do="ask", id=1, probe="a", command="id")
+        assert known.next("answer")["id"] == 1
 
 
 def test_the_number_of_browsers_is_limited(served: Served) -> None:

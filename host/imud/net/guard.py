@@ -96,10 +96,10 @@ UNFINISHED_OF_ONE = 16
 HELLO_S = 3.0
 HANDSHAKE_S = 8.0
 
-# A session is open once Zenoh has answered so often: TLS, its first message, its
-# second, which has the password. Or at this age: Zenoh closes others after 10 s.
-ANSWERS = 3
+# A session is open once the parent says so, or at this age: Zenoh closes others after
+# 10 s. A connection that ends before is a failure, unless that word comes so late.
 OLD_S = 12.0
+LATE_S = 2.0
 
 # A refusal by TLS, as for an unknown certificate, is one alert: 24 bytes.
 ALERT_MAX = 64
@@ -111,8 +111,9 @@ LINES_MAX = 20
 # through this process, too.
 RATE = Rate(at_once=128, a_second=20.0)
 
-# Lines to the parent: what, and whom it is about.
-CAME, REFUSED = "came", "refused"
+# Lines to the parent: what, and whom it is about; and every BEAT_S that it still runs.
+CAME, REFUSED, BEAT = "came", "refused", "beat"
+BEAT_S = 0.5
 
 
 class Guard:
@@ -122,7 +123,8 @@ class Guard:
         self.inner = inner
         self._tell = tell
         self.addresses = ByNetwork(Address)
-        self.links: set[Outer] = set()
+        self.links: dict[Outer, None] = {}  # the oldest first
+        self.unopened: dict[str, Outer] = {}  # by their own address at Zenoh
         self.unfinished = 0
         self._second = self._lines = self._untold = 0
 
@@ -132,9 +134,20 @@ class Guard:
             return "too many failures"
         if address.unfinished >= UNFINISHED_OF_ONE:
             return "too many at once"
-        if self.unfinished >= UNFINISHED_MAX or len(self.links) >= LINKS_MAX:
+        if len(self.links) >= LINKS_MAX:
             return "the daemon has too many connections"
+        if self.unfinished >= UNFINISHED_MAX:
+            self._make_room(now_s)
         return ""
+
+    def _make_room(self, now_s: float) -> None:
+        """Ends the oldest handshake of the address that has most of them."""
+        waiting = [each for each in self.links if each.is_waiting]
+        # Of equal ones, max() takes the first.
+        most = max(waiting, key=lambda each: each.address.unfinished, default=None)
+        if most is not None:
+            most.address.fail(now_s)
+            most.refuse("too many at once")
 
     def refuse(self, now_s: float, peer: str, why: str) -> None:
         """Tells of a refusal, and how many there were since the last that was told."""
@@ -148,6 +161,12 @@ class Guard:
 
     def refuse_often(self, now: Callable[[], float], peer: str) -> None:
         self.refuse(now(), peer, "too often")
+
+    def hear(self, data: bytes) -> None:
+        """From the parent: whose sessions have begun."""
+        for own in data.decode("ascii", "replace").split():
+            if (outer := self.unopened.pop(own, None)) is not None:
+                outer.finish()
 
     def say(self, what: str, *words: str) -> None:
         """To the parent. A line for which its pipe has no room is left out."""
@@ -164,9 +183,10 @@ class Outer(asyncio.Protocol):
         self._records = Records()
         self._hello = b""
         self._inner: Inner | None = None
-        self._is_counted = self._is_finished = self._has_data = False
-        self._answers = self._answered = 0  # of Zenoh to that; and bytes
-        self._is_asking = False
+        self._is_counted = self.is_finished = self._has_data = False
+        self._is_greeted = False  # Zenoh has answered its hello
+        self._answered = 0  # bytes of Zenoh to the client's data
+        self._own = ""
         self._opening: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         self.is_over = False
@@ -178,15 +198,15 @@ class Outer(asyncio.Protocol):
         peer = transport.get_extra_info("peername") or ("?", 0)
         host, port = str(peer[0]), peer[1]
         self.peer = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        self._address = self._guard.addresses.of(host)
-        why = self._guard.refusal(self._address, self._loop.time())
+        self.address = self._guard.addresses.of(host)
+        why = self._guard.refusal(self.address, self._loop.time())
         if why:
-            self._refuse(why)
+            self.refuse(why)
             return
         self._is_counted = True
-        self._guard.links.add(self)
+        self._guard.links[self] = None
         self._guard.unfinished += 1
-        self._address.unfinished += 1
+        self.address.unfinished += 1
         self._arm(HELLO_S, partial(self._fail, "no TLS hello in time"))
 
     def data_received(self, data: bytes) -> None:
@@ -195,14 +215,16 @@ class Outer(asyncio.Protocol):
         """
         if self.is_over:
             return
-        if not self._is_finished:
+        if not self.is_finished:
             if not self._records.feed(data):
-                self._fail("it does not use TLS")
+                self._refuse_early("it does not use TLS")
                 return
-            self._is_asking = DATA in self._records.seen
-            if self._is_asking and not self._has_data:
+            if DATA in self._records.seen and not self._is_greeted:
+                self._refuse_early("it sends data before the handshake")
+                return
+            if DATA in self._records.seen and not self._has_data:
                 self._has_data = True
-                self._arm(OLD_S, self._finish)
+                self._arm(OLD_S, self.finish)
         if self._inner is not None:
             self._inner.transport.write(data)
             return
@@ -218,8 +240,9 @@ class Outer(asyncio.Protocol):
         try:
             inner.setblocking(False)
             inner.bind(("127.0.0.1", 0))
-            own = f"127.0.0.1:{inner.getsockname()[1]}"
-            self._guard.say(CAME, own, self.peer)
+            self._own = f"127.0.0.1:{inner.getsockname()[1]}"
+            self._guard.unopened[self._own] = self
+            self._guard.say(CAME, self._own, self.peer)
             await self._loop.sock_connect(inner, self._guard.inner)
             if self.is_over:
                 inner.close()
@@ -244,45 +267,65 @@ class Outer(asyncio.Protocol):
             self._timer.cancel()
         self._timer = self._loop.call_later(seconds, then)
 
-    def _finish(self) -> None:
-        self._is_finished = True
-        self._address.succeed()
-        self._leave_unfinished()
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it is connected and has no session."""
+        return not (self.is_finished or self.is_over)
+
+    def finish(self) -> None:
+        """Its session has begun."""
+        if self.is_finished:
+            return
+        self.is_finished = True
+        self.address.succeed()
+        if self in self._guard.links:
+            self._leave_unfinished()
 
     def _leave_unfinished(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
         self._guard.unfinished -= 1
-        self._address.unfinished -= 1
+        self.address.unfinished -= 1
 
-    def _refuse(self, why: str) -> None:
+    def refuse(self, why: str) -> None:
         self.is_over = True
         self._guard.refuse(self._loop.time(), self.peer, why)
         self.transport.abort()
 
     def answer(self, data: bytes) -> None:
         """What Zenoh sends."""
+        self._is_greeted = True
         self.transport.write(data)
-        if self._is_finished or not self._has_data:
-            return
-        self._answered += len(data)
-        self._answers += self._is_asking
-        self._is_asking = False
-        if self._answers >= ANSWERS:
-            self._finish()
+        if self._has_data:
+            self._answered += len(data)
 
     def end(self) -> None:
         """Zenoh has closed it, and reports a wrong password itself."""
-        if not (self.is_over or self._is_finished or self._answered > ALERT_MAX):
-            self._address.fail(self._loop.time())
+        if not (self.is_over or self.is_finished or self._answered > ALERT_MAX):
+            self.address.fail(self._loop.time())
             self._guard.refuse(self._loop.time(), self.peer, "its handshake failed")
             self.is_over = True
         self.transport.close()
 
+    def _judge(self) -> None:
+        """It has ended; nothing more will be heard of it."""
+        self._guard.unopened.pop(self._own, None)
+        if not self.is_finished:
+            self.address.fail(self._loop.time())
+
+    def _refuse_early(self, why: str) -> None:
+        """It is no failure of its address if it never reached Zenoh: others may share
+        that address, and it has cost nothing.
+        """
+        if self._opening is None:
+            self.refuse(why)
+        else:
+            self._fail(why)
+
     def _fail(self, why: str) -> None:
         if not self.is_over:
-            self._address.fail(self._loop.time())
-            self._refuse(why)
+            self.address.fail(self._loop.time())
+            self.refuse(why)
 
     def pause_writing(self) -> None:
         if self._inner is not None:
@@ -294,14 +337,17 @@ class Outer(asyncio.Protocol):
                 self._inner.transport.resume_reading()
 
     def connection_lost(self, _: Exception | None) -> None:
-        """Ends the connection to Zenoh; to leave within the handshake counts as a
+        """Ends the connection to Zenoh; to leave without a session counts as a
         failure.
         """
         if self._is_counted:
-            self._guard.links.discard(self)
-            if not self._is_finished:
+            self._guard.links.pop(self, None)
+            if not self.is_finished:
                 self._leave_unfinished()
-                if not (self.is_over or self._has_data):
+                if self._answered > ALERT_MAX and not self.is_over:
+                    self._loop.call_later(LATE_S, self._judge)
+                else:
+                    self._guard.unopened.pop(self._own, None)
                     self._fail("it disconnected during the handshake")
         self.is_over = True
         if self._inner is not None:
@@ -332,7 +378,7 @@ class Inner(asyncio.Protocol):
 
 
 async def _serve(inner: int, listening: list[ThrottledSocket]) -> None:
-    """Until stdin ends: the parent is gone."""
+    """Until stdin ends: the parent is gone. It also says whose sessions have begun."""
     loop = asyncio.get_running_loop()
     guard = Guard(("127.0.0.1", inner), sys.stdout.fileno())
     throttle = Throttle(RATE, partial(guard.refuse_often, loop.time))
@@ -343,10 +389,21 @@ async def _serve(inner: int, listening: list[ThrottledSocket]) -> None:
     ]
     ended = asyncio.Event()
     os.set_blocking(sys.stdout.fileno(), False)
-    loop.add_reader(sys.stdin.fileno(), ended.set)
+
+    def read() -> None:
+        data = os.read(sys.stdin.fileno(), 65536)
+        guard.hear(data)
+        if not data:
+            loop.remove_reader(sys.stdin.fileno())
+            ended.set()
+
+    loop.add_reader(sys.stdin.fileno(), read)
     loop.set_exception_handler(lambda *_: None)  # out of files: asyncio tries again
     guard.say("ready")
-    await ended.wait()
+    while not ended.is_set():
+        guard.say(BEAT)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(ended.wait(), BEAT_S)
     for server in servers:
         server.close()
 

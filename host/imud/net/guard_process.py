@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
+import select
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 
@@ -21,7 +24,8 @@ TLS = "tls"
 BACKLOG = 256
 START_S = 10.0
 STOP_S = 2.0
-AGAIN_S = 1.0  # until a guard that ended is started again
+AGAIN_S = 1.0  # at least between two starts
+HUNG_S = 4.0  # a guard that says nothing for so long is ended: it says BEAT_S
 
 # Connections whose true address is remembered.
 KNOWN_MAX = 4096
@@ -31,6 +35,9 @@ _LOCAL = re.compile(r"127\.0\.0\.1:\d+")
 # Called with a refused address, and the reason.
 OnRefused = Callable[[str, str], None]
 
+# Called with the reason for which the guard is started again.
+OnRestart = Callable[[str], None]
+
 
 class GuardProcess:
     """Listens on TLS endpoints in Zenoh's place; close() ends that.
@@ -38,13 +45,18 @@ class GuardProcess:
     ListenFailed where an address is taken, ConfigError where it is none.
     """
 
-    def __init__(self, endpoints: Sequence[str], on_refused: OnRefused) -> None:
+    def __init__(
+        self,
+        endpoints: Sequence[str],
+        on_refused: OnRefused,
+        on_restart: OnRestart = lambda _: None,
+    ) -> None:
         if not system.HANDS_ON_SOCKETS:
             raise ListenFailed(
                 "TLS ports need a guard process, which this system does not support: "
                 "run imud without keys, or on Linux"
             )
-        self._on_refused = on_refused
+        self._on_refused, self._on_restart = on_refused, on_restart
         self._names: OrderedDict[str, str] = OrderedDict()
         self._is_over = threading.Event()
         self._ready = threading.Event()
@@ -57,6 +69,7 @@ class GuardProcess:
             self._close_sockets()
             raise
         self.refused = 0  # connections so far
+        self.restarts = 0
         self.port = _free_port()
         self._thread = threading.Thread(
             target=self._run, name="imud-guard", daemon=True
@@ -71,6 +84,13 @@ class GuardProcess:
     def name_of(self, text: str) -> str:
         """The text with true addresses in the place of the guard's own."""
         return _LOCAL.sub(lambda m: self._names.get(m[0], m[0]), text)
+
+    def opened(self, where: str) -> None:
+        """Tells the guard that the client at that own address has a session."""
+        own, process = _LOCAL.search(where), self._process
+        if own is not None and process is not None and process.stdin is not None:
+            with contextlib.suppress(OSError, ValueError):  # it hangs, or has ended
+                os.write(process.stdin.fileno(), f"{own[0]}\n".encode())
 
     def wait_ready(self) -> None:
         """Until who connects is let in."""
@@ -93,11 +113,18 @@ class GuardProcess:
     def _run(self) -> None:
         """A guard that ends, for whatever reason, is started again."""
         while not self._is_over.is_set():
-            with contextlib.suppress(OSError):
-                self._serve()
-            self._is_over.wait(AGAIN_S)
+            begin_s = time.monotonic()
+            try:
+                why = self._serve()
+            except OSError as error:
+                why = f"can't be started: {error.strerror}"
+            if not self._is_over.is_set():
+                self.restarts += 1
+                self._on_restart(why)
+            self._is_over.wait(begin_s + AGAIN_S - time.monotonic())
 
-    def _serve(self) -> None:
+    def _serve(self) -> str:
+        """Runs a guard until it ends or hangs, and returns which."""
         descriptors = [each.fileno() for each in self._sockets]
         words = [str(self.port), *map(str, descriptors)]
         with subprocess.Popen(
@@ -109,10 +136,28 @@ class GuardProcess:
             start_new_session=True,
         ) as process:
             self._process = process
+            if process.stdin is not None:
+                os.set_blocking(process.stdin.fileno(), False)
             if self._is_over.is_set() and process.stdin is not None:
                 process.stdin.close()
-            for line in process.stdout or ():
+            if self._listen(process):
+                return f"ended with code {process.wait()}"
+            process.kill()
+            return f"did nothing for {HUNG_S:g} s"
+
+    def _listen(self, process: subprocess.Popen[bytes]) -> bool:
+        """Until the guard ends; False: it hangs."""
+        pipe, rest = process.stdout, b""
+        wait_s = START_S
+        while pipe is not None and select.select([pipe], [], [], wait_s)[0]:
+            data = os.read(pipe.fileno(), 65536)
+            if not data:
+                return True
+            wait_s = HUNG_S
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
                 self._hear(line.decode("ascii", "replace").split(maxsplit=2))
+        return False
 
     def _hear(self, words: list[str]) -> None:
         match words:

@@ -21,7 +21,7 @@ from imud.config.settings import ZenohSettings, listens_on
 from imud.defaults import ENDPOINT
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 from imud.net import access
-from imud.net.guard_process import GuardProcess, OnRefused, guarded
+from imud.net.guard_process import GuardProcess, OnRefused, OnRestart, guarded
 from imud.roles import Role
 from imud.text_file import read_text
 
@@ -114,14 +114,14 @@ def new_id() -> str:
 
 
 def open_guarded(
-    settings: ZenohSettings, own_id: str, on_refused: OnRefused
+    settings: ZenohSettings, own_id: str, on_refused: OnRefused, on_restart: OnRestart
 ) -> tuple[zenoh.Session, GuardProcess | None]:
     """open_daemon(), with a guard in front of its TLS endpoints, if it has any."""
     listen = listens_on(settings)
     outside = guarded(listen) if settings.keys else []
     if not outside:
         return open_daemon(settings, own_id), None
-    guard = GuardProcess(outside, on_refused)
+    guard = GuardProcess(outside, on_refused, on_restart)
     try:
         others = (each for each in listen if each not in outside)
         inside = (*others, guard.endpoint)

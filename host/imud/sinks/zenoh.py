@@ -128,8 +128,13 @@ class ZenohSink:
 
     @property
     def refused(self) -> Mapping[str, int]:
-        """Connections that the guard of its TLS port has refused."""
-        return {"tls": self._guard.refused} if self._guard is not None else {}
+        """Connections that the guard of its TLS port has refused, and how often that
+        process was started again.
+        """
+        guard = self._guard
+        if guard is None:
+            return {}
+        return {"tls": guard.refused, "guard_restarts": guard.restarts}
 
     def name_of(self, text: str) -> str:
         """The text with the true addresses of who is connected through the guard."""
@@ -139,7 +144,7 @@ class ZenohSink:
         session = self._inherited()
         if session is None:
             session, self._guard = network.open_guarded(
-                self._settings, self._id, self._tell_refused
+                self._settings, self._id, self._tell_refused, self._tell_restart
             )
         self._session, self._before = session, None
         self._links = session.info.declare_link_events_listener(self._tell_link)
@@ -354,6 +359,8 @@ class ZenohSink:
             return
         what = "came" if event.kind == zenoh.SampleKind.PUT else "left"
         link = event.link
+        if what == "came" and self._guard is not None:
+            self._guard.opened(str(link.dst))
         name = link.auth_identifier
         where = self.name_of(str(link.dst))
         refusals.know(str(link.zid), f"{where} ({name})" if name else where)
@@ -363,6 +370,13 @@ class ZenohSink:
     def _tell_refused(self, name: str, why: str) -> None:
         text = f"network: refused {name}: TLS: {why}"
         self._on_notice("refused", text, True)
+
+    def _tell_restart(self, why: str) -> None:
+        text = (
+            f"network: the process that guards the TLS port {why}: it is started "
+            "again, and its clients reconnect by themselves"
+        )
+        self._on_notice("guard", text, True)
 
     def _set_alive(self, session: zenoh.Session, probe: str, *, is_alive: bool) -> None:
         self._known.add(probe)

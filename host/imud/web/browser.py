@@ -24,7 +24,7 @@ WINDOW = 16
 WAITING_MAX = 400
 ANSWERS_MAX = 64
 # Without anything new a head alone is sent so often: it shows that the server is there.
-HEARTBEAT_S = 0.2
+HEARTBEAT_S, STRANGER_S = 0.2, 1.0  # the second before a login
 RATE_HZ = 60.0
 # Poses of probes that are not looked at are sent this often.
 OTHERS_S = 0.1
@@ -108,7 +108,7 @@ class Browser:
         self, fresh: Mapping[Key, deque[bytes]], *, is_played: bool = False
     ) -> None:
         """Payloads by probe and topic, which are live or `is_played` from a log."""
-        if is_played != self.is_playing:
+        if is_played != self.is_playing or not self._reads:
             return
         for key, payloads in fresh.items():
             topic = key[1]
@@ -161,7 +161,7 @@ class Browser:
         """Has a head sent where nothing else was."""
         loop = asyncio.get_running_loop()
         while True:
-            await asyncio.sleep(HEARTBEAT_S)
+            await asyncio.sleep(HEARTBEAT_S if self._reads else STRANGER_S)
             if loop.time() - self._sent_s > 0.9 * HEARTBEAT_S:
                 self._is_beat = True
                 self._wake.set()

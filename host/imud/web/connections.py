@@ -16,9 +16,12 @@ from imud.throttle import Rate
 # Gets lines for the journal: the kind, the text, whether it is a warning.
 OnNotice = Callable[[object, str, bool], None]
 
-# A browser fetches the files over at most 6 connections at a time.
-CONNECTIONS_MAX = 128
+# A browser fetches the files over at most 6 connections at a time. Of those that have
+# not logged in, or asked for anything, the oldest makes room: of all, or of an address.
+CONNECTIONS_MAX = 512
+STRANGERS_OF_ONE = 256
 BROWSERS_MAX = 64
+LOGIN_S = 10.0  # from its connection until a browser has logged in
 
 # The page has 75 files, and each is a connection: ten browsers may come at once. With
 # 400 a second the daemon took 82 % of a core (benchmarks/host/attacks.py).
@@ -28,7 +31,9 @@ REASONS = {
     "host": "the request names another host than this machine",
     "origin": "a page of another site tried to connect",
     "path": "there is no such file",
-    "connections": f"there are {CONNECTIONS_MAX} connections",
+    "connections": f"{CONNECTIONS_MAX} connections, or {STRANGERS_OF_ONE} of its "
+    "address that did not log in",
+    "silent": f"it did not log in within {LOGIN_S:g} s",
     "rate": f"more than {RATE.a_second:.0f} connections a second from its address",
     "browsers": f"there are {BROWSERS_MAX} browsers",
     "unreadable": "it sent no valid HTTP request",
@@ -51,7 +56,7 @@ class Connections:
 
     def __init__(self, on_notice: OnNotice) -> None:
         self._on_notice = on_notice
-        self._open: set[Connection] = set()
+        self._open: dict[Connection, str] = {}  # the oldest first; its address
         self.refused: Counter[str] = Counter()
 
     def refuse(self, reason: str, connection: ServerConnection) -> None:
@@ -68,17 +73,29 @@ class Connections:
         self._on_notice(("page", reason), text, True)
 
     def add(self, connection: Connection) -> bool:
-        """Whether there is room for another connection."""
-        if len(self._open) >= CONNECTIONS_MAX:
+        """Whether there is room for another connection, or room can be made."""
+        host = str((connection.remote_address or ("",))[0])
+        strangers = [each for each in self._open if not each.is_admitted]
+        own = [each for each in strangers if self._open[each] == host]
+        if len(own) >= STRANGERS_OF_ONE:
+            self._drop(own[0])
+        elif len(self._open) >= CONNECTIONS_MAX and strangers:
+            self._drop(strangers[0])
+        elif len(self._open) >= CONNECTIONS_MAX:
             self.refuse("connections", connection)
             return False
-        self._open.add(connection)
+        self._open[connection] = host
         return True
+
+    def _drop(self, connection: Connection) -> None:
+        self.refuse("connections", connection)
+        del self._open[connection]
+        connection.transport.abort()
 
     def remove(self, connection: Connection) -> None:
         if connection not in self._open:
             return
-        self._open.discard(connection)
+        del self._open[connection]
         # A browser may open a connection in advance, and never use it.
         if connection.has_spoken and not connection.is_answered:
             self.refuse("unreadable", connection)
@@ -96,6 +113,7 @@ class Connection(ServerConnection):
         self._connections = connections
         self.has_spoken = False
         self.is_answered = False  # its request was read
+        self.is_admitted = False  # its user has logged in
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)

@@ -91,11 +91,12 @@ class Page:
             self._updates = Updates(firmware, self._feed, self._ask, told)
         self._context = SessionContext(
             *(self._connections, self._feed, users, on_ask, page),
-            *(self._guides, Players(), logs, ports, self._updates),
+            *(self._guides, Players(), self._has_room),
+            *(logs, ports, self._updates),
         )
         self._on_ask = on_ask
         self._files = Files()
-        self._browsers: set[Browser] = set()
+        self._sessions: set[BrowserSession] = set()
         self._numbers = itertools.count(1)  # of browsers since the start
         self._thread = ServerThread("imud-page", self._serve, PATIENCE_S)
 
@@ -149,8 +150,8 @@ class Page:
         fresh = self._feed.swap()
         if fresh:
             self._guides.pass_on(fresh)
-            for browser in self._browsers:
-                browser.put(fresh)
+            for session in self._sessions:
+                session.browser.put(fresh)
 
     @contextlib.asynccontextmanager
     async def _serve(self, listening: socket.socket) -> AsyncIterator[None]:
@@ -211,7 +212,7 @@ class Page:
             return self._refused(connection, *found)
         path = responses.path_of(request)
         if path in (responses.SOCKET, responses.STREAM):
-            if len(self._browsers) < connections.BROWSERS_MAX:
+            if self._has_room():
                 return None
             busy = HTTPStatus.SERVICE_UNAVAILABLE
             return self._refused(connection, "browsers", busy)
@@ -220,11 +221,28 @@ class Page:
             return self._refused(connection, "path", HTTPStatus.NOT_FOUND)
         return responses.file_response(request, file)
 
+    def _has_room(self) -> bool:
+        """For another browser whose user has logged in, if that is needed."""
+        users = sum(each.is_admitted for each in self._sessions)
+        return users < connections.BROWSERS_MAX
+
     def _refused(
         self, connection: ServerConnection, reason: str, status: HTTPStatus
     ) -> Response:
         self._connections.refuse(reason, connection)
         return responses.text_response(status, connections.REASONS[reason])
+
+    def _admit(
+        self,
+        connection: ServerConnection,
+        session: BrowserSession,
+        limit: asyncio.Timeout,
+    ) -> None:
+        """Ends the time to log in once that is done."""
+        if session.is_admitted and limit.when() is not None:
+            limit.reschedule(None)
+            if isinstance(connection, Connection):
+                connection.is_admitted = True
 
     async def _talk(self, connection: ServerConnection) -> None:
         """Serves one browser, or program, until it leaves."""
@@ -240,12 +258,18 @@ class Page:
         session = BrowserSession(
             self._context, connection, browser, next(self._numbers)
         )
-        self._browsers.add(browser)
+        self._sessions.add(session)
         self._feed.is_watched = True
         writing = asyncio.create_task(browser.write(send))
         try:
-            async for message in connection:
-                await session.handle(message)
+            async with asyncio.timeout(connections.LOGIN_S) as limit:
+                self._admit(connection, session, limit)
+                async for message in connection:
+                    await session.handle(message)
+                    self._admit(connection, session, limit)
+        except TimeoutError:
+            self._connections.refuse("silent", connection)
+            await connection.close(CloseCode.POLICY_VIOLATION)
         except ConnectionClosed as closed:
             if (
                 closed.sent is not None
@@ -263,5 +287,5 @@ class Page:
             writing.cancel()
             await asyncio.wait([writing])
             await session.close()
-            self._browsers.discard(browser)
-            self._feed.is_watched = bool(self._browsers)
+            self._sessions.discard(session)
+            self._feed.is_watched = bool(self._sessions)

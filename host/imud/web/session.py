@@ -71,6 +71,7 @@ class SessionContext(msgspec.Struct, frozen=True):
     about: Mapping[str, Any]
     guides: Guides
     players: Players
+    has_room: Callable[[], bool]  # for another user who has logged in
     logs: LogFolder | None = None  # None: there are none here
     ports: PortControl | None = None  # None: they are another machine's
     updates: Updates | None = None  # None: so are its boards
@@ -97,11 +98,13 @@ class BrowserSession:
         self.browser = browser
         self._user = ""
         self._number = number
+        self.is_admitted = False
         self.admit(context.users.at_first())
 
     def admit(self, grant: Grant) -> None:
         """Tells the browser what it may do, and what is known by now."""
         self._grant = grant
+        self.is_admitted = bool(grant.role)
         self.browser.grant(grant.reads)
         self.browser.say(
             {
@@ -300,6 +303,10 @@ class BrowserSession:
 
     async def _log_in(self, request: Login) -> None:
         grant = self._context.users.log_in(request.user, request.secret)
+        if grant is not None and not self._context.has_room():
+            self._context.connections.refuse("browsers", self._connection)
+            await self._connection.close(CloseCode.TRY_AGAIN_LATER)
+            return
         if grant is not None:
             self._user = request.user
             self.admit(grant)

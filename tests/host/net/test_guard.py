@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import signal
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,10 +22,14 @@ from imud.endpoint import host_and_port, network_of
 from imud.net import guard_process
 from imud.net.guard import (
     FAILURES,
+    UNFINISHED_MAX,
     UNFINISHED_OF_ONE,
     WAIT_KNOWN_S,
     WAIT_MAX_S,
     Address,
+    Guard,
+    Inner,
+    Outer,
     Records,
 )
 
@@ -87,9 +93,95 @@ def test_idle_connections_keep_nobody_out_and_heal_when_they_go(
     admitted(guarded, 2.0)
 
 
-def test_a_guard_that_dies_is_there_again(guarded: Guarded) -> None:
-    os.kill(guard_of(guarded), signal.SIGKILL)
+@pytest.mark.parametrize(
+    ("sign", "words"),
+    [(signal.SIGKILL, "ended with code -9"), (signal.SIGSTOP, "did nothing for")],
+)
+def test_a_guard_that_dies_or_hangs_is_told_and_there_again(
+    guarded: Guarded, sign: signal.Signals, words: str
+) -> None:
+    os.kill(guard_of(guarded), sign)
+    guarded.daemon.expect(f"the process that guards the TLS port {words}")
     admitted(guarded, 15.0)
+
+
+class Wire(asyncio.Transport):
+    """What an end of the guard writes; nothing is sent."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__({"peername": (host, 5)})
+        self.is_cut = False
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        """Sends nothing."""
+
+    def close(self) -> None:
+        self.is_cut = True
+
+    abort = close
+
+
+HELLO = b"\x16\x03\x01\x00\x05hello"
+RECORD = b"\x17\x03\x03\x00\x02ab"
+
+
+async def strangers() -> list[list[int]]:
+    """Failures of an address, by what it did, in the guard's own words."""
+    ends, nothing = [], os.open(os.devnull, os.O_WRONLY)
+    guard = Guard(("127.0.0.1", 9), nothing)
+    does: list[list[bytes]] = [
+        [HELLO + RECORD],  # all at once
+        [HELLO, RECORD],  # before the answer
+        [HELLO, b"", RECORD],  # Zenoh closes it, with an alert
+        [HELLO, b"", RECORD, b"t" * 600],  # a session that never begins
+        [HELLO, b"", RECORD, b"t" * 600, b"opened"],
+    ]
+    for number, steps in enumerate(does):
+        outer = Outer(guard)
+        outer.connection_made(Wire(f"192.0.2.{number}"))
+        if len(steps) > 1:  # as if it were being connected to Zenoh
+            outer._opening = asyncio.create_task(asyncio.sleep(0))
+        for step in steps:
+            if step == b"opened":
+                guard.unopened["own"] = outer
+                guard.hear(b"other own\n")
+            elif step[:1] in (b"", b"t"):
+                outer.answer(step)
+            elif not outer.is_over:
+                outer.data_received(step)
+                outer._inner = Inner(outer)
+                outer._inner.connection_made(Wire(""))
+        if not outer.is_over:
+            outer.end()
+        outer.connection_lost(None)
+        ends.append(outer)
+    await asyncio.sleep(0)
+    os.close(nothing)
+    for outer in ends[3:]:
+        outer._judge()
+    assert guard.unfinished == 0
+    return [[each.address.failures, int(each.address.is_known)] for each in ends]
+
+
+def test_a_connection_that_ends_without_a_session_is_a_failure_of_its_address() -> None:
+    found = asyncio.run(strangers())
+    # The first never reached Zenoh.
+    assert found == [[0, 0], [1, 0], [1, 0], [1, 0], [0, 1]]
+
+
+def test_where_all_places_are_taken_the_oldest_of_the_busiest_address_goes() -> None:
+    async def crowd() -> list[bool]:
+        guard = Guard(("127.0.0.1", 9), sys.stderr.fileno())
+        guard.say = lambda *_: None  # type: ignore[method-assign]
+        ends = []
+        for number in range(UNFINISHED_MAX + 1):
+            outer = Outer(guard)
+            crowded = min(number // UNFINISHED_OF_ONE, 4)
+            outer.connection_made(Wire(f"192.0.2.{crowded}"))
+            ends.append(outer)
+        return [each.is_over for each in ends]
+
+    assert asyncio.run(crowd()) == [True] + [False] * UNFINISHED_MAX
 
 
 def test_a_hello_is_followed_record_by_record_however_it_is_cut() -> None:

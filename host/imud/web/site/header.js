@@ -169,7 +169,10 @@ export class Header {
 
   _state() {
     this._warn();
-    this._login.setOpen(this._model.link.state === "login");
+    const state = this._model.link.state;
+    // The daemon ends a connection that does not log in: the link opens another.
+    const isTyping = this._login.element.open && ["lost", "connecting"].includes(state);
+    this._login.setOpen(state === "login" || isTyping);
   }
 
   /** Shows a warning if the data shown are not current. */
