@@ -13,8 +13,9 @@ import pytest
 import log_files
 from imud.log.reader import Logged
 from imud.log.seekable import SeekableLog
+from imud.web import playing
 from imud.web.logs import LogFolder
-from imud.web.player import Schedule
+from imud.web.player import PAYLOAD_MAX, Schedule, line_of
 from imud.web.playing import PLAYERS_MAX
 from imud.web.users import TokenHolder
 from web.served import Live, Served
@@ -69,6 +70,41 @@ def test_a_played_log_says_what_was_published(log: Path) -> None:
         browser.say(do="live")
         assert browser.next("page")["playing"] is None
         assert browser.next("pose")["number"] == 7
+
+
+@pytest.mark.parametrize(
+    ("payload", "line"),
+    [
+        (b'{"type":"pose","probe":"a"}', b'{"type":"pose","probe":"a"}'),
+        (b'{"type":"pose",\n"probe":"a"}', b'{"type":"pose","probe":"a"}'),
+        (b'{}\na\tstatus\t{"type":"status","probe":"b"}', None),
+        (b'{"type":"pose","probe":"b"}', None),
+        (b'{"type":"page","probe":"a"}', None),
+        (b'{"type":"pose","probe":5}', None),
+        (b'{"type":"pose","probe":"a","t":NaN}', None),
+        (b"[" * 100_000, None),
+        (b"\xff", None),
+        (b"", None),
+        (b'{"type":"pose","probe":"a","x":"%s"}' % (b"x" * PAYLOAD_MAX), None),
+    ],
+)
+def test_a_log_speaks_for_its_own_probe_and_topic_in_one_line(
+    payload: bytes, line: bytes | None
+) -> None:
+    assert line_of("a", "pose", payload) == line
+
+
+def test_a_player_that_ends_is_told_with_its_reason(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(playing, "SEEK", b"no number ")
+    served = Served(logs=LogFolder(log.parent))
+    with contextlib.closing(served.page), served.live() as browser:
+        browser.say(do="play", id=1, name=log.name, speed=0)
+        browser.say(do="seek", id=2, t_ms=5)
+        while not (played := browser.next("played"))["over"]:
+            pass
+        assert "could not convert string to float" in played["error"]
 
 
 def played_to(browser: Live, t_ms: float) -> list[dict[str, Any]]:

@@ -1,19 +1,23 @@
 # SPDX-License-Identifier: MIT
 """Plays a log in a process of its own, so that the daemon has no work with it.
-It writes lines with tabs between: probe, topic and what was published, when they are
-due; the times at which the log begins and ends; and where it is. On its standard input
-it reads new speeds, and times to go to.
+It writes probe, topic and what was published, when they are due; the times at which the
+log begins and ends; and where it is. Each comes after its length, since a log may have
+any bytes in it. On its standard input it reads new speeds, and times to go to.
 """
 
 from __future__ import annotations
 
 import os
 import select
+import struct
 import sys
 import time
 from pathlib import Path
 from typing import BinaryIO
 
+import msgspec
+
+from imud.errors import ImudError, described
 from imud.log.reader import Logged
 from imud.log.seekable import SeekableLog
 from imud.net.access import BODY_STATE
@@ -33,8 +37,34 @@ SEEK = b"seek "  # begins a line with a time, UTC in ns
 # stood then.
 BEFORE_NS = 1_100_000_000
 NEAR_NS = 1_000_000  # a time in ms is not exact
+GAP_NS = 60_000_000_000  # a longer one between two messages is skipped
+PAYLOAD_MAX = 1 << 20  # bytes; no message of ours has so many
+
+HEAD = struct.Struct(">III")  # lengths of probe, topic and payload, which follow
 
 Key = tuple[str, str]
+
+
+class _Payload(msgspec.Struct):
+    type: str
+    probe: str = ""
+    body: str = ""
+
+
+_PAYLOAD = msgspec.json.Decoder(_Payload)
+
+
+def line_of(probe: str, topic: str, payload: bytes) -> bytes | None:
+    """The payload on one line; None: it is no JSON of that topic of that probe."""
+    if len(payload) > PAYLOAD_MAX:
+        return None
+    try:
+        found = _PAYLOAD.decode(payload)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError):
+        return None
+    if found.type != topic or (found.body if topic == BODY else found.probe) != probe:
+        return None
+    return msgspec.json.format(payload, indent=-1) if b"\n" in payload else payload
 
 
 class Schedule:
@@ -73,6 +103,7 @@ class Player:
         self._sent_s = time.monotonic()
         self._at_ns = 0
         self._wanted_ns: int | None = None  # where to continue
+        self._left_out = 0  # payloads that can't be shown
 
     def play(self, path: Path) -> None:
         """Until the input ends. At its end the log stands still."""
@@ -107,18 +138,24 @@ class Player:
                 continue
             topic = BODY if item.topic == BODY_STATE else item.topic
             key = (item.probe, topic)
+            payload = line_of(*key, item.data)
+            if payload is None:
+                self._left_out += 1
+                continue
             if item.t_ns < from_ns:
-                self._batch[key] = [item.data]  # how things stood
+                self._batch[key] = [payload]  # how things stood
                 self._at_ns = item.t_ns
                 continue
             if not is_there:
                 is_there, self._at_ns = True, from_ns
                 self._send()
+            if item.t_ns - self._at_ns > GAP_NS:
+                self._pace.restart()
             self._hold(item)
             if self._wanted_ns is not None:
                 return
             self._at_ns = item.t_ns
-            self._batch.setdefault(key, []).append(item.data)
+            self._batch.setdefault(key, []).append(payload)
 
     def _hold(self, item: Logged) -> None:
         """Waits until a message is due, or another time is wanted."""
@@ -147,21 +184,34 @@ class Player:
             most = 1 if topic in LATEST_ONLY else BATCH_MAX
             step = max(1, -(-len(payloads) // most))
             for payload in payloads[::-1][::step][::-1]:
-                head = f"{probe}\t{topic}\t".encode()
-                self._out.write(head + payload + b"\n")
+                self._write(probe, topic, payload)
         self._batch.clear()
-        self._say("over" if is_over else "at", str(self._at_ns))
+        self._say("over" if is_over else "at", f"{self._at_ns} {self._left_out}")
 
     def _say(self, what: str, value: str) -> None:
-        self._out.write(f"\t{what}\t{value}\n".encode())
+        self._write("", what, value.encode())
         self._out.flush()
+
+    def _write(self, probe: str, topic: str, payload: bytes) -> None:
+        parts = probe.encode(errors="replace"), topic.encode(), payload
+        self._out.write(HEAD.pack(*map(len, parts)) + b"".join(parts))
+
+    def fail(self, fault: Exception) -> None:
+        """Tells why it ends."""
+        why = str(fault) if isinstance(fault, ImudError) else described(fault)
+        self._say("failed", why)
 
 
 def main() -> int:
     path, speed = Path(sys.argv[1]), float(sys.argv[2])
     # Unbuffered, so that select() knows of every line.
     with os.fdopen(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as lines:
-        Player(lines, sys.stdout.buffer, speed).play(path)
+        player = Player(lines, sys.stdout.buffer, speed)
+        try:
+            player.play(path)
+        except Exception as fault:  # noqa: BLE001 - told to who watches
+            player.fail(fault)
+            return 1
     return 0
 
 

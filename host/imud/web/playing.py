@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import deque
 from pathlib import Path
 
 from imud.web import processes
 from imud.web.browser import Browser
-from imud.web.player import SEEK
+from imud.web.player import HEAD, SEEK
 
 PLAYERS_MAX = 4  # of all browsers: each is a process
 
@@ -36,6 +37,8 @@ class Playing:
         self._path, self._browser, self._players = path, browser, players
         self._speed = speed
         self._span_ms: list[float] = [0.0, 0.0]
+        self._at_ns = self._left_out = 0
+        self._error = ""  # why the player has ended
         self._early_ms: float | None = None  # wanted before the process is there
         self._process: processes.Process | None = None
         players.count += 1
@@ -70,26 +73,44 @@ class Playing:
                 self.set_speed(self._speed)
             if self._early_ms is not None:
                 self.seek(self._early_ms)
-            while process.stdout and (line := await process.stdout.readline()):
-                self._receive(line.rstrip(b"\n"))
+            if process.stdout is not None:
+                await self._receive_all(process.stdout)
+            self._tell(is_over=True)
         finally:
             await processes.end(self._process)
 
-    def _receive(self, line: bytes) -> None:
-        probe, topic, payload = line.split(b"\t", 2)
-        if topic == b"span":
+    async def _receive_all(self, lines: asyncio.StreamReader) -> None:
+        """Until the player ends."""
+        failed = "the player ended; play the log again"
+        with contextlib.suppress(asyncio.IncompleteReadError):
+            while True:
+                sizes = HEAD.unpack(await lines.readexactly(HEAD.size))
+                probe, topic, payload = [await lines.readexactly(n) for n in sizes]
+                if topic == b"failed":
+                    failed = payload.decode()
+                else:
+                    self._receive(probe.decode(), topic.decode(), payload)
+        self._error = failed
+
+    def _receive(self, probe: str, topic: str, payload: bytes) -> None:
+        if probe:
+            self._browser.put({(probe, topic): deque((payload,))}, is_played=True)
+        elif topic == "span":
             self._span_ms = [int(each) / 1e6 for each in payload.split()]
-        elif probe:
-            key = (probe.decode(), topic.decode())
-            self._browser.put({key: deque((payload,))}, is_played=True)
         else:
-            first_ms, last_ms = self._span_ms
-            self._browser.say(
-                {
-                    "type": "played",
-                    "t_ms": int(payload) / 1e6,
-                    "first_ms": first_ms,
-                    "last_ms": last_ms,
-                    "over": topic == b"over",
-                }
-            )
+            self._at_ns, self._left_out = map(int, payload.split())
+            self._tell(is_over=topic == "over")
+
+    def _tell(self, *, is_over: bool) -> None:
+        first_ms, last_ms = self._span_ms
+        self._browser.say(
+            {
+                "type": "played",
+                "t_ms": self._at_ns / 1e6,
+                "first_ms": first_ms,
+                "last_ms": last_ms,
+                "over": is_over,
+                "left_out": self._left_out,
+                "error": self._error,
+            }
+        )

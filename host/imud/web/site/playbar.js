@@ -83,7 +83,9 @@ export class PlayBar {
     }
     const time = played ? new Date(played.t_ms).toLocaleString() : "opening";
     const since = played ? `, ${span((played.t_ms - played.first_ms) / 1000)} in` : "";
-    const where = played?.over ? `${time}, the end` : time + since;
+    const left = played?.left_out ? `, ${played.left_out} unreadable messages left out` : "";
+    const end = played?.error ? `stopped: ${played.error}` : `${time}, the end`;
+    const where = (played?.over ? end : time + since) + left;
     say(this._where, where);
     mark(this._slider, "aria-valuetext", where);
     say(this._pause, this._isPaused ? "Continue" : "Pause");
