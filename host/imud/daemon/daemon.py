@@ -239,7 +239,8 @@ class Daemon:
         loop = asyncio.get_running_loop()
         due = before = loop.time()
         while True:
-            due = max(due + STATUS_S, loop.time())
+            # After a pause it goes on from now.
+            due = (due if loop.time() < due + STATUS_S else loop.time()) + STATUS_S
             await asyncio.sleep(due - loop.time())
             elapsed_s, before = loop.time() - before, loop.time()
             self._finder.check(host_ns())
