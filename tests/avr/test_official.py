@@ -127,7 +127,8 @@ def test_uploads_use_the_baud_rate_of_the_bootloader(
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     folder = BUILD / "with" / name
     folder.mkdir(parents=True, exist_ok=True)
-    shutil.copy(image, folder)
+    for each in image.parent.glob("firmware.*"):
+        shutil.copy(each, folder)
     built(name, more=(*UPLOAD, "--upload-port", "/dev/a-nano"))
     hex_file = (folder / "firmware.hex").relative_to(ROOT)
     assert told.read_text().split() == [

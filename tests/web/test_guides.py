@@ -38,6 +38,7 @@ IS_GHOST_RIGHT = """() => {
   return imud.view._ghost.group.visible && up > 0.999;
 }"""
 SAYS = '[data-part="says"]'
+REFUSED = "Refused. The previous calibration stays active."
 
 
 def mounting() -> Sequence[Sample]:
@@ -125,7 +126,7 @@ def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> No
         page.get_by_role("button", name="Undo", exact=True).click()
         page.get_by_text("The previous params are active again").first.wait_for()
         assert desk.probe.params.records == CALIBRATED.encode()
-    assert "Done" in page.locator(SAYS).inner_text()
+    page.locator(SAYS, has_text="Done").wait_for()
 
 
 @pytest.mark.long
@@ -140,7 +141,7 @@ def test_an_early_end_asks_for_the_missing_poses_once(
     asked = page.locator(".guide [role=alert]")
     asked.get_by_text("lay it on its left side").wait_for()
     assert page.evaluate(PHASE) == "running"
-    assert "Good (5 of 12)" in page.locator(SAYS).inner_text()
+    page.locator(SAYS, has_text="Good (5 of 12)").wait_for()
     if goes_on:
         desk.hand.goes_on(calibrating()[len(five) :])
     assert judged(shown, desk) == ("done" if goes_on else "refused")
@@ -148,10 +149,7 @@ def test_an_early_end_asks_for_the_missing_poses_once(
         page.get_by_role("button", name="Apply").wait_for()
     else:
         asked.get_by_text("lay it on its left side").wait_for()
-        assert (
-            "Refused. The previous calibration stays active."
-            in page.locator(SAYS).inner_text()
-        )
+        page.locator(SAYS, has_text=REFUSED).wait_for()
     desk.hand.pick_up()
     assert desk.probe.params.records == CALIBRATED.encode()
 
@@ -168,10 +166,7 @@ def test_each_kind_says_why_it_is_refused(shown: Seen, desk: Desk, kind: str) ->
         page.get_by_text("calibrate again").wait_for()
     else:
         assert phase == "refused"
-        assert (
-            "Refused. The previous calibration stays active."
-            in page.locator(SAYS).inner_text()
-        )
+        page.locator(SAYS, has_text=REFUSED).wait_for()
         assert len(page.locator(".guide [role=alert]").inner_text()) > 20
     desk.hand.pick_up()
     assert desk.probe.params.records == CALIBRATED.encode()
