@@ -37,6 +37,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # those that xdist starts do.
     if hasattr(config, "workerinput") or config.getoption("dist", "no") == "no":
         native.keep_sanitizer()
+        if os.environ.get("IMU_ASAN") == "1":
+            native.ease_large_arrays()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -71,6 +71,26 @@ def keep_sanitizer() -> None:
         _preloaded["LD_PRELOAD"] = preloaded
 
 
+def ease_large_arrays() -> None:
+    """Take numpy's large arrays from the C library in this process, which has the
+    address sanitizer: large_arrays.c.
+    """
+    import ctypes
+    import sysconfig
+
+    import numpy as np
+
+    source = Path(__file__).with_name("large_arrays.c")
+    folders = (sysconfig.get_path("include"), np.get_include())
+    words = ["gcc", "-O1", "-shared", "-fPIC", *ADDRESS, str(source)]
+    words += [f"-I{folder}" for folder in folders]
+    name = _Build._digest(source, text=" ".join(words))
+    library = _Build._built(
+        CACHE / f"large_arrays-{name}.so", lambda made: _run(*words, "-o", str(made))
+    )
+    assert ctypes.PyDLL(str(library)).large_arrays_use() == 0
+
+
 def environment() -> dict[str, str]:
     """The environment for a child process that calls load() itself."""
     return os.environ | _preloaded | {"PYTHONPATH": str(Path(__file__).parent)}
