@@ -140,7 +140,7 @@ async def strangers() -> list[list[int]]:
         outer = Outer(guard)
         outer.connection_made(Wire(f"192.0.2.{number}"))
         if len(steps) > 1:  # as if it were being connected to Zenoh
-            outer._opening = asyncio.create_task(asyncio.sleep(0))
+            outer._opening = asyncio.create_task(asyncio.sleep(0))  # ends at once
         for step in steps:
             if step == b"opened":
                 guard.unopened["own"] = outer
@@ -155,7 +155,7 @@ async def strangers() -> list[list[int]]:
             outer.end()
         outer.connection_lost(None)
         ends.append(outer)
-    await asyncio.sleep(0)
+    await asyncio.sleep(0)  # lets those tasks end
     os.close(nothing)
     for outer in ends[3:]:
         outer._judge()
