@@ -244,8 +244,9 @@ def install_requirements(groups: Sequence[str]) -> None:
         return
     listed = BUILD / "requirements.txt"
     listed.write_text("\n".join(wanted))
-    hashes = ("--require-hashes",) if locked.is_used() else ()
-    step("Python packages", *pip("install", *hashes, "--requirement", str(listed)))
+    words = ["install", "--no-compile"]  # most modules of it are never imported
+    words += ["--require-hashes"] if locked.is_used() else []
+    step("Python packages", *pip(*words, "--requirement", str(listed)))
     stamp.write_text(json.dumps(sorted({*there, *wanted})))
 
 
