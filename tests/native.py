@@ -85,9 +85,11 @@ def ease_large_arrays() -> None:
     words = ["gcc", "-O1", "-shared", "-fPIC", *ADDRESS, str(source)]
     words += [f"-I{folder}" for folder in folders]
     name = _Build._digest(source, text=" ".join(words))
-    library = _Build._built(
-        CACHE / f"large_arrays-{name}.so", lambda made: _run(*words, "-o", str(made))
-    )
+
+    def build(made: Path) -> None:
+        _run(*words, "-o", str(made))
+
+    library = _Build._built(CACHE / f"large_arrays-{name}.so", build)
     assert ctypes.PyDLL(str(library)).large_arrays_use() == 0
 
 
