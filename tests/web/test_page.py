@@ -245,6 +245,7 @@ def test_a_log_is_played_as_if_it_were_live(shown: Seen, desk: Desk) -> None:
     received_ms = {
         number: pose["t_ns"] / 1e6 + pose["age_us"] / 1e3
         for number, pose in desk.poses.copy().items()
+        if pose["age_us"] is not None
     }
     wanted_ms = received_ms[sorted(received_ms)[20]]
     slider.evaluate(SLIDE, wanted_ms)

@@ -229,7 +229,7 @@ class Slow:
     def __del__(self):
         time.sleep(20)
 
-def tell_late(queries, probe, topic, query):
+def tell_late(queries, probe, of, topic, query):
     sys.stderr.write("asked\\n")
     while not sys.is_finalizing():
         time.sleep(0.01)
