@@ -448,7 +448,7 @@ class World(selectors.DefaultSelector):
         patch.setattr(system, "sync", lambda _: None)
         patch.setattr(system, "on_signals", lambda stop, _: setattr(self, "stop", stop))
         for module in (log, daemon):
-            patch.setattr(module, "ThreadPoolExecutor", Inline, raising=False)
+            patch.setattr(module, "ThreadPoolExecutor", Inline)
         patch.setattr(hub, "_lane", type("_", (SteppedLane,), {"world": self}))
         patch.setattr(ports, "Link", type("_", (Link,), {"world": self}))
         patch.setattr(network, "open_guarded", lambda *_: (Network(), None))

@@ -10,6 +10,7 @@ from operator import itemgetter
 import msgspec
 
 from imud.client.published import Numbered
+from imud.net.access import is_id
 
 
 class Missed(msgspec.Struct, frozen=True):
@@ -74,12 +75,13 @@ class Series:
 
 class Followed:
     """The series of a subscription, by probe and topic: a probe is followed under every
-    name that it has. `name`: only whoever has that name is heard; what a probe
-    published under another one is not missed.
+    name that it has. Of a subscription to a name only whoever has that is heard; what a
+    probe published under another one is not missed.
     """
 
-    def __init__(self, name: str | None = None) -> None:
-        self._name = name
+    def __init__(self, probe: str | None) -> None:
+        """`probe`: the name or id that is subscribed to; None: all."""
+        self._is_by_name = probe is not None and not is_id(probe)
         self._ids: dict[str, str] = {}  # by the latest names
         self._heard: dict[str, str] = {}  # by topic: whose messages come
         self._series: dict[tuple[str, str], Series] = {}
@@ -88,7 +90,7 @@ class Followed:
         """The series of a message that has just arrived."""
         probe_id = self._ids[probe] = probe_id or probe
         series = self._series.setdefault((probe_id, topic), Series())
-        if self._name is not None and self._heard.get(topic) != probe_id:
+        if self._is_by_name and self._heard.get(topic) != probe_id:
             self._heard[topic] = probe_id
             series.last, series.told = None, 0
         return series

@@ -23,7 +23,6 @@ from imud.client.missed import Followed, Missed, Series
 from imud.client.published import KINDS, Numbered, Pose, Published, Status, Topic
 from imud.defaults import ENDPOINT, PREFIX
 from imud.errors import ConfigError, ImudError
-from imud.net.access import is_id
 
 # How many messages may wait for this program: 30 s of one probe at 200 Hz.
 WAITING_MAX = 6000
@@ -60,8 +59,7 @@ class Subscription(Generic[T]):
         self._client = client
         self._waiting_max = waiting_max
         self._until_s = None if seconds is None else time.monotonic() + seconds
-        is_name = probe is not None and not is_id(probe)
-        self._series = Followed(probe if is_name else None)
+        self._series = Followed(probe)
         self._queue = _Queue()
         for topic in topics:
             decoder = msgspec.json.Decoder(KINDS[topic])

@@ -148,8 +148,12 @@ class GuardProcess:
     def _listen(self, process: subprocess.Popen[bytes]) -> bool:
         """Until the guard ends; False: it hangs."""
         pipe, rest = process.stdout, b""
+        if pipe is None:
+            return True
+        ready = select.poll()  # select() takes no descriptor above 1023
+        ready.register(pipe, select.POLLIN)
         wait_s = START_S
-        while pipe is not None and select.select([pipe], [], [], wait_s)[0]:
+        while ready.poll(1000 * wait_s):
             data = os.read(pipe.fileno(), 65536)
             if not data:
                 return True

@@ -24,7 +24,7 @@ from imud.client.missed import Followed, Missed, Series
 from imud.client.published import Numbered
 from imud.errors import FileError
 from imud.log.file import Settings
-from imud.net.access import READS, is_id
+from imud.net.access import READS
 from imud.probes.record import Record
 from imud.sinks.log import FLUSH_S, LogSink
 from imud.wire import schema
@@ -60,8 +60,7 @@ class Recorder:
         self._encoder = msgspec.json.Encoder()
         self._lock = threading.Lock()
         self._waiting: deque[Arrival] = deque()
-        is_name = probe is not None and not is_id(probe)
-        self._series = Followed(probe if is_name else None)
+        self._series = Followed(probe)
         self._hellos: dict[str, bytes] = {}
         self._params: dict[str, bytes] = {}
         self.overflowed: Counter[str] = Counter()  # by probe: the disk was too slow
