@@ -14,7 +14,8 @@ from pathlib import Path
 
 from imud.errors import FileError
 from imud.log.copy import copy_good
-from imud.log.writer import CHUNK_MAX, MAGIC
+from imud.log.parts import has_end
+from imud.log.writer import CHUNK_MAX
 from imud.machine import system
 
 # After each part of a log, so that poses never wait for this.
@@ -55,9 +56,7 @@ def _finish(path: Path, floor_bytes: int) -> Finished | None:
     """None: it has its end, or is being written."""
     part = path.with_name(f"{path.name}.part")  # may be left of an earlier attempt
     with path.open("rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - len(MAGIC)))
-        if file.read() == MAGIC and size > len(MAGIC):
+        if has_end(file):
             part.unlink(missing_ok=True)
             return None
     # For a lock of a network's file system it has to be open for writing.
@@ -65,11 +64,12 @@ def _finish(path: Path, floor_bytes: int) -> Finished | None:
         about = os.fstat(file.fileno())
         if not system.try_lock(file) or not os.path.samestat(about, path.stat()):
             return None
-        if about.st_size and system.free_bytes(path.parent) < floor_bytes + 2 * size:
+        size = about.st_size
+        if size and system.free_bytes(path.parent) < floor_bytes + 2 * size:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         messages = 0
         try:
-            if about.st_size:
+            if size:
                 messages = _copy(path, part, about)
         except BaseException:
             part.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -91,6 +92,13 @@ def first_metadata(file: BinaryIO) -> dict[str, str]:
     except DAMAGE:
         pass
     return {}
+
+
+def has_end(file: BinaryIO) -> bool:
+    """Whether a log was finished: one that was cut off, or is empty, has no end."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - len(MAGIC)))
+    return file.read() == MAGIC and size > len(MAGIC)
 
 
 def records_of(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int]]:

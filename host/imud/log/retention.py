@@ -19,8 +19,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from imud.log.parts import first_metadata
-from imud.log.writer import MAGIC
+from imud.log.parts import first_metadata, has_end
 from imud.machine import system
 
 # As the daemon names them: nothing else in the folder is touched.
@@ -151,9 +150,7 @@ def _logs_of(folder: Path, now_s: float) -> Iterator[_Log]:
     for path, size in ours_in(folder):
         with contextlib.suppress(OSError), path.open("rb") as file:
             first = first_metadata(file)
-            file.seek(max(0, size - len(MAGIC)))
-            is_finished = file.read() == MAGIC and size > len(MAGIC)
-            is_free = is_finished
+            is_free = is_finished = has_end(file)
             # A file system without locks tells nothing about one without an end, and an
             # empty one may be about to be locked.
             with contextlib.suppress(OSError):
