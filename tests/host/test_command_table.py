@@ -125,7 +125,7 @@ def test_a_row_alone_admits_a_role(monkeypatch: pytest.MonkeyPatch) -> None:
     stop = replace(COMMANDS["stop"], roles=("viewer", "operator"))
     for module in (commands, access):
         monkeypatch.setattr(module, "COMMANDS", {**COMMANDS, "stop": stop})
-    assert may_ask() == ["imud/*/cmd/stop"]
+    assert may_ask() == ["imud/*/cmd/stop", "imud/@id/*/cmd/stop"]
     assert access.who_may("cmd/stop") == ["viewer", "operator", "daemon"]
     assert access.who_may("cmd/start") == ["operator", "daemon"]
     grant = grant_of("viewer")

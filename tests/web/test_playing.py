@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 import log_files
 from imud.log.reader import Logged
 from imud.log.seekable import SeekableLog
-from imud.web import playing
+from imud.web import playing, processes
 from imud.web.logs import LogFolder
 from imud.web.player import PAYLOAD_MAX, Schedule, line_of
 from imud.web.playing import PLAYERS_MAX
@@ -105,6 +106,18 @@ def test_a_player_that_ends_is_told_with_its_reason(
         while not (played := browser.next("played"))["over"]:
             pass
         assert "could not convert string to float" in played["error"]
+
+
+def test_who_leaves_while_a_player_ends_leaves_no_process() -> None:
+    async def leave() -> int | None:
+        process = await processes.start("imud.web.player", "no log", "1")
+        ending = asyncio.create_task(processes.end(process))
+        await asyncio.sleep(0)  # it has begun
+        ending.cancel()
+        await asyncio.wait([ending])
+        return process.returncode
+
+    assert asyncio.run(leave()) is not None
 
 
 def played_to(browser: Live, t_ms: float) -> list[dict[str, Any]]:

@@ -35,10 +35,13 @@ def kill(process: Process) -> None:
 
 
 async def end(process: Process | None) -> None:
-    """Ends it, and closes what leads to it."""
+    """Ends it, and closes what leads to it, also if that is cancelled meanwhile."""
     if process is not None:
         kill(process)
-        await process.communicate()
+        ending = asyncio.create_task(process.communicate())
+        while not ending.done():
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.wait([ending])
 
 
 def write(process: Process | None, lines: bytes) -> None:
