@@ -21,7 +21,8 @@ from native import locked
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "official"
 PIO = (sys.executable, "-m", "platformio")
-UPLOAD = ("-t", "nobuild", "-t", "upload")
+# In a folder that it does not know PlatformIO would remove the image first.
+UPLOAD = ("--disable-auto-clean", "-t", "nobuild", "-t", "upload")
 FLAGS = "-flto -fno-fat-lto-objects -fuse-linker-plugin"
 
 
