@@ -3,12 +3,14 @@
 
 Counts every text file that git tracks and that people write. Prints a line a room, and
 fails if one is above its budget. --lower takes over what is less; only a hand that
-edits the file raises a number.
+edits the file raises a number. It also fails if a command took more of a processor
+than its budget when tools/fresh.py ran it here last.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import subprocess
 import sys
@@ -19,6 +21,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 BUDGET = ROOT / "tools" / "budget.toml"
+SPENT = ROOT / "build" / "spent.json"
 
 
 class Size(NamedTuple):
@@ -84,6 +87,11 @@ def main() -> int:
                 status = 1
     total = Size(*map(sum, zip(*found.values(), strict=True)))
     print(f"{total.lines:8,} lines {total.bytes:12,} bytes  in all")
+    spent = json.loads(SPENT.read_text()) if SPENT.exists() else {}
+    for command, most in budget["units"].items():
+        if command in spent:
+            print(f"{spent[command]:8,} of {most} units of processor time  {command}")
+            status |= spent[command] > most
     return status
 
 

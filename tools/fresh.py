@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import fcntl
+import json
 import os
 import re
 import shutil
@@ -19,10 +20,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDINGS = (
@@ -32,6 +33,9 @@ RECORDINGS = (
 SUITES = ("bookworm", "trixie")  # Debian 12 and 13
 COMMANDS = ("make demo SECONDS=10", "make demo SECONDS=10", "make test")
 PACKAGES = ("ca-certificates", "git", "make", "python3")
+# A second of one processor is not one of another's: budgets count runs of this.
+UNIT = "sum(hash(str(number)) for number in range(1_000_000))"
+SPENT = ROOT / "build" / "spent.json"  # what each command took; tools/budget.py reads
 KEPT_DAYS = 30  # in an older system most packages would be downloaded again
 
 # Below the root of the bare system, or below a temporary folder of this machine.
@@ -152,15 +156,36 @@ def tried(
     with room(archive) as fresh:
         for command in commands:
             sys.stdout.write(f"\n== {where}: {command}\n")
-            begun = os.times()
-            code, _ = fresh.run("sh", "-c", command)
-            ended = os.times()
-            used_s = sum(ended[2:4]) - sum(begun[2:4])  # by children, of processors
-            spent = f"{ended.elapsed - begun.elapsed:5.0f} s, used {used_s:5.0f} s"
+            begun = time.monotonic()
+            (_, before_s), ((code, _), used_s), (_, after_s) = (
+                used(subprocess.run, (sys.executable, "-c", UNIT), check=True),
+                used(fresh.run, "sh", "-c", command),
+                used(subprocess.run, (sys.executable, "-c", UNIT), check=True),
+            )
+            units = 2.0 * used_s / (before_s + after_s)
+            if not code:
+                keep(command, units)
+            spent = f"{time.monotonic() - begun:5.0f} s, used {used_s:5.0f} s"
+            spent += f" ({units:.0f} units)"
             yield where, command, spent, f"FAILED, exit {code}" if code else ""
         _, left = fresh.run("git", "status", "--porcelain", quiet=True)
         if left:
             yield where, "git status", "", f"FAILED, files left:\n{left}"
+
+
+def used(call: Callable[..., Any], *given: object, **options: object) -> Any:
+    """What the call returns, and the processor seconds of its processes."""
+    begun = os.times()
+    result = call(*given, **options)
+    ended = os.times()
+    return result, sum(ended[2:4]) - sum(begun[2:4])
+
+
+def keep(command: str, units: float) -> None:
+    """For the budget: the last figure of each command."""
+    SPENT.parent.mkdir(exist_ok=True)
+    found = json.loads(SPENT.read_text()) if SPENT.exists() else {}
+    SPENT.write_text(json.dumps(found | {command: round(units)}))
 
 
 @contextmanager

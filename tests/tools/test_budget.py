@@ -13,6 +13,9 @@ import pytest
 TEXT = """\
 not_written_by_hand = ["*.lock"]
 
+[units]
+"make test" = 100
+
 [rooms]
 "." = [1, 20]
 "core" = [2, 4]
@@ -37,6 +40,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "budget.toml").write_text(TEXT)
     monkeypatch.setattr(budget, "ROOT", tmp_path)
     monkeypatch.setattr(budget, "BUDGET", tmp_path / "budget.toml")
+    monkeypatch.setattr(budget, "SPENT", tmp_path / "spent.json")
     monkeypatch.setattr(sys, "argv", ["budget"])
     return tmp_path
 
@@ -49,6 +53,12 @@ def test_what_people_write_counts_in_its_innermost_room(capsys):
         ["2", "lines", "4", "bytes", "core"],
     ]
     assert total.split() == ["3", "lines", "14", "bytes", "in", "all"]
+
+
+@pytest.mark.parametrize(("units", "status"), [(100, 0), (101, 1)])
+def test_a_command_that_takes_too_much_of_a_processor_fails(root, units, status):
+    (root / "spent.json").write_text(f'{{"make demo": 900, "make test": {units}}}')
+    assert budget.main() == status
 
 
 def test_a_line_too_many_fails(root, capsys):
