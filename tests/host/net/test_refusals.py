@@ -115,8 +115,7 @@ def mutual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
 
 @pytest.fixture
 def known(guarded: Guarded) -> Guarded:
-    """With a login from this address, which ends its row of failures."""
-    network.open_client(guarded.endpoint, guarded.credentials("viewer")).close()
+    guarded.welcome()
     return guarded
 
 

@@ -212,6 +212,7 @@ def test_each_command_takes_keys(
 def test_a_command_without_keys_or_with_others_is_one_line(
     guarded: Guarded, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    guarded.welcome()
     wrong = tmp_path / "wrong.toml"
     text = keys_of(guarded, "operator").read_text("utf-8")
     wrong.write_text(re.sub('password = ".*"', 'password = "guess"', text), "utf-8")
@@ -226,6 +227,7 @@ def test_a_command_without_keys_or_with_others_is_one_line(
 def test_what_a_role_may_not_is_said_on_one_line(
     guarded: Guarded, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    guarded.welcome()
     viewer = keys_of(guarded, "viewer")
     where = ["--connect", guarded.endpoint, "--keys", str(viewer)]
     assert cli.main(["tare", *where]) == 1
