@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from imud.commands import COMMANDS
+from imud.config.settings import Config, ZenohSettings
 from imud.net import keys
 from imud.net.access import who_may
-from imud.net.network import read_credentials
+from imud.net.network import read_credentials, read_keys
 from imud.roles import Role
 from imud.web.browser import HEARTBEAT_S, WAITING_MAX, WINDOW
 from imud.web.logs import LogFolder
@@ -156,7 +157,9 @@ def test_who_guesses_passwords_is_sent_away() -> None:
 
 def test_users_of_imud_keys_have_their_roles_on_the_page(tmp_path: Path) -> None:
     keys.initialise(tmp_path / "keys", [], 7447)
-    users = KeyUsers(tmp_path / "keys")
+    settings = ZenohSettings(keys=str(tmp_path / "keys"))
+    held = read_keys(Config(zenoh=settings))
+    users = KeyUsers(held.roles, held.passwords)
     for name in ("viewer", "operator", "recorder"):
         mine = read_credentials(tmp_path / "keys" / "clients" / f"{name}.toml")
         grant = users.log_in(name, mine.password)

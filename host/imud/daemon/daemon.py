@@ -31,6 +31,7 @@ from imud.endpoint import host_and_port
 from imud.errors import ImudError, ListenFailed, described
 from imud.journal.output import Journal, JournalStream, journal_on_stderr
 from imud.machine import system
+from imud.net.network import Keys, read_keys
 from imud.net.queries import Answer
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
@@ -199,20 +200,23 @@ class Daemon:
             try:
                 self._of_file = await self._in_thread(self._load)
                 config = await self._in_thread(names.with_names, self._of_file)
+                keys = await self._in_thread(read_keys, config)
             except ImudError as error:
                 logger.warning(
                     "reload failed, the current configuration stays active: %s", error
                 )
             else:
-                await self._apply(self._config, config)
+                await self._apply(self._config, config, keys)
             self._notifier.ready()
 
-    async def _apply(self, before: Config, config: Config) -> None:
+    async def _apply(self, before: Config, config: Config, keys: Keys) -> None:
         self._config = config
         logger.setLevel(config.journal.level.upper())
         self._journal.configure(config.journal.quiet_s, config.journal.burst)
         renamed = self._registry.configure(config)
         put = {entry.name: entry.put for entry in self._registry}
+        changed = ["keys"] if keys != self._outputs.keys else []
+        self._outputs.keys = keys
         self._outputs.apply(config, renamed, put)
         # Presence last: who sees it may ask for the rest at once.
         self._intake.params.announce(self._intake.timeline.utc(host_ns()))
@@ -227,7 +231,7 @@ class Daemon:
         if config.metrics != before.metrics:
             self._metrics_again_s = math.inf
             await self._serve_metrics()
-        changed = [
+        changed += [
             name
             for name in Config.__struct_fields__
             if getattr(config, name) != getattr(before, name)
@@ -296,7 +300,7 @@ class Daemon:
             is_kept = name is not None and not self._of_file.settings_of(probe_id).name
             if is_kept:  # first: a name that can't be kept is not given
                 await self._in_thread(names.keep, before, probe_id, str(name))
-            await self._apply(before, after)
+            await self._apply(before, after, self._outputs.keys)
             return is_kept
 
     def _begin_set_up(self, name: str) -> None:

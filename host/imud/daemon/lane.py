@@ -93,6 +93,7 @@ class Lane:
         self._mine = LaneCounts.none()
         self._failures = 0
         self._broken_until: float | None = None
+        self._was_open = False
         self._trouble = ""
         # The lane that this one replaces, until that is closed; old and new names.
         self._before: Lane | None = None
@@ -104,6 +105,7 @@ class Lane:
 
     def start(self) -> None:
         self.sink.open()
+        self._was_open = True
         self._thread.start()
 
     def follow(
@@ -254,7 +256,10 @@ class Lane:
 
     def _patience(self, deadline: float) -> float | None:
         if self.sink.period_s == 0:
-            return None
+            # One that was never open is tried again without a record, too.
+            if self._broken_until is None or self._was_open:
+                return None
+            deadline = self._broken_until
         return max(0.0, deadline - time.monotonic())
 
     def _hand_over(self, items: Sequence[Item]) -> None:
@@ -290,6 +295,7 @@ class Lane:
         is_open = self._attempt(self.sink.open)
         if is_open:
             self._broken_until = None
+            self._was_open = True
         return is_open
 
     def _attempt(self, action: Callable[[], None]) -> bool:

@@ -21,7 +21,7 @@ from imud.flash import firmware
 from imud.flash.firmware import Firmware
 from imud.log.file import Settings
 from imud.log.retention import Retention
-from imud.net.network import own_credentials
+from imud.net.network import Keys, read_keys
 from imud.net.queries import OnCommand
 from imud.net.refusals import tell_refusals
 from imud.ports.local import LocalPorts
@@ -65,6 +65,7 @@ class Outputs:
         self._id_of = id_of
         self._on_command = on_command
         self._on_notice = on_notice
+        self.keys = Keys()  # who may connect; the next open() and apply() use them
         self._made_of: dict[str, object] = {}  # settings of each sink
         self._log: LogSink | None = None
         self._network: ZenohSink | None = None
@@ -84,6 +85,7 @@ class Outputs:
         """Opens all sinks; an ImudError if one can't be opened. What others use beside
         poses is opened later then, if its address is taken.
         """
+        self.keys = read_keys(config)
         for name, wanted in self._wanted(config).items():
             try:
                 self._hub.add(wanted.make())
@@ -116,23 +118,26 @@ class Outputs:
         begun by a daemon that can't start.
         """
         network, log, ros2 = config.zenoh, config.log, config.ros2
-        wanted = {NETWORK: Wanted(network, lambda: self._zenoh(network))}
+        keys = self.keys
+        # With other keys all connect again, and who was removed can't.
+        of_network = (network, keys.digest)
+        wanted = {NETWORK: Wanted(of_network, lambda: self._zenoh(network, of_network))}
         if ros2.enabled:
             own = own_network(network.mode, network.listen, network.connect)
             wanted[ROS2] = Wanted(
-                (ros2, own, network.keys, network.credentials),
+                (ros2, own, keys.digest, keys.of_ros2),
                 lambda: Ros2Sink(
                     ros2.connect or own,
                     ros2.domain,
                     ros2.namespace,
                     ros2.world_frame,
-                    own_credentials(network, is_abroad=bool(ros2.connect)),
+                    keys.of_ros2,
                 ),
             )
         address = host_and_port(config.web.listen)
         if config.web.enabled and address is not None:
             logs = LogFolder(Path(log.dir)) if log.enabled else None
-            of_page = (config.web, network.keys, log.enabled, log.dir, config.ports)
+            of_page = (config.web, keys.digest, log.enabled, log.dir, config.ports)
             wanted[PAGE] = Wanted(
                 of_page, lambda: self._page(address, config, logs, of_page)
             )
@@ -161,8 +166,10 @@ class Outputs:
         logs: LogFolder | None,
         settings: object,
     ) -> PageSink:
-        keys, origins = config.zenoh.keys, config.web.origins
-        users: Users | None = KeyUsers(Path(keys)) if keys else None
+        keys, origins = self.keys, config.web.origins
+        users: Users | None = None
+        if config.zenoh.keys:
+            users = KeyUsers(keys.roles, keys.passwords)
         # Once, and not with each try at a port that is taken.
         offered = offered_firmware()
         # Where only probes are renamed, browsers keep their connection.
@@ -186,12 +193,12 @@ class Outputs:
         if self._page_sink is not None:
             self._page_sink.hear_body(key, payload)
 
-    def _zenoh(self, network: ZenohSettings) -> ZenohSink:
+    def _zenoh(self, network: ZenohSettings, settings: object) -> ZenohSink:
         if network.keys and not self._reports_refusals:
             self._reports_refusals = True
             tell_refusals(self._tell_refusal)
         # Where only probes are renamed, subscribers keep their connection.
-        before = self._network if self._made_of.get(NETWORK) == network else None
+        before = self._network if self._made_of.get(NETWORK) == settings else None
         self._network = ZenohSink(
             *(network, self._on_command, self._on_notice, before, self._hear_body),
             self._id_of,

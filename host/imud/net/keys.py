@@ -47,6 +47,9 @@ BEFORE, AFTER = timedelta(days=1), timedelta(days=3650)
 
 PASSWORD_BYTES = 24
 
+# A running daemon reads its keys again then.
+RELOAD = "once imud run reloads (systemctl reload imud, or kill -HUP) or starts again"
+
 # Also the name in a certificate, of a file, and in Zenoh's list of passwords.
 _USER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?")
@@ -155,6 +158,12 @@ def renew(folder: Path) -> datetime:
         )
         if not isinstance(ca_key, Key) or not isinstance(own, Key):
             raise FileError(f"{folder} was not created by imud keys init")
+        until = ca.not_valid_after_utc
+        if until < datetime.now(UTC):
+            raise FileError(
+                f"the authority {folder / CA} expired on {until:%Y-%m-%d}, or the "
+                "clock is wrong; create other keys with imud keys init"
+            )
         names = old.extensions.get_extension_for_class(x509.SubjectAlternativeName)
         hosts = [str(name.value) for name in names.value]
         fresh = _sign(hosts[0], own, ca, ca_key, hosts)
@@ -169,7 +178,9 @@ def renew(folder: Path) -> datetime:
 
 
 def remove(folder: Path, user: str) -> None:
-    """Removes a user, who is refused from the daemon's next start on."""
+    """Removes a user, whose sessions end when the daemon reloads, and who is refused
+    from then on.
+    """
     roles = read_roles(folder)
     if user not in roles:
         raise ConfigError(f"there is no user {user}, only {', '.join(sorted(roles))}")
@@ -202,21 +213,21 @@ def run_init(folder: Path, names: Sequence[str], port: int) -> int:
 
 def run_add(folder: Path, role: Role, user: str) -> int:
     path = add(folder, role, user)
-    sys.stdout.write(f"{path}: {user} may use {ABOUT[role]}; restart imud run\n")
+    sys.stdout.write(f"{path}: {user} may use {ABOUT[role]}, {RELOAD}\n")
     return 0
 
 
 def run_renew(folder: Path) -> int:
     until = renew(folder)
     sys.stdout.write(
-        f"{folder / SERVER}: valid until {until:%Y-%m-%d}; restart imud run\n"
+        f"{folder / SERVER}: valid until {until:%Y-%m-%d}, served {RELOAD}\n"
     )
     return 0
 
 
 def run_remove(folder: Path, user: str) -> int:
     remove(folder, user)
-    sys.stdout.write(f"{user} can't connect any longer; restart imud run\n")
+    sys.stdout.write(f"{user} can't connect any longer, {RELOAD}\n")
     return 0
 
 

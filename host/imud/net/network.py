@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
+import logging
 import secrets
 import time
 from base64 import b64encode
@@ -17,10 +18,10 @@ from typing import Any, get_args
 import msgspec
 import zenoh
 
-from imud.config.settings import ZenohSettings, listens_on
+from imud.config.settings import Config, ZenohSettings, listens_on
 from imud.defaults import ENDPOINT
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
-from imud.net import access
+from imud.net import access, certificates
 from imud.net.guard_process import GuardProcess, OnRefused, OnRestart, guarded
 from imud.roles import Role
 from imud.text_file import read_text
@@ -51,6 +52,8 @@ _AGAIN = {
         "period_increase_factor": 2,
     }
 }
+
+logger = logging.getLogger("imud")
 
 _TLS = "transport/link/tls/"
 _PASSWORDS = "transport/auth/usrpwd"
@@ -84,17 +87,71 @@ def read_roles(folder: Path) -> dict[str, Role]:
     """The users in a folder of `imud keys` and their roles; ConfigError on failure."""
     path = folder / ROLES
     try:
-        return msgspec.toml.decode(path.read_bytes(), type=dict[str, Role])
-    except OSError as error:
-        raise ConfigError(
-            f"can't read {path}: {error.strerror}; create it with imud keys init "
-            f"{folder}"
-        ) from error
+        return msgspec.toml.decode(_read(folder, ROLES), type=dict[str, Role])
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
             f"{path}: each line must be NAME = ROLE, with a role of "
             f"{', '.join(get_args(Role))}"
         ) from error
+
+
+class Keys(msgspec.Struct, frozen=True):
+    """What the key files of a configuration say, as read at the start or a reload."""
+
+    digest: bytes = b""  # of all of them
+    roles: dict[str, Role] = {}
+    passwords: dict[str, str] = {}
+    of_ros2: Credentials | None = None
+
+
+def read_keys(config: Config) -> Keys:
+    """Reads and checks the key files, and warns of certificates that don't hold now.
+    ConfigError if the daemon can't serve with them.
+    """
+    settings, contents = config.zenoh, []
+    roles, passwords, of_ros2 = {}, {}, None
+    if settings.keys:
+        folder = Path(settings.keys)
+        roles = read_roles(folder)
+        names = (CA, SERVER, SERVER_KEY, USERS, ROLES)
+        contents = [_read(folder, name) for name in names]
+        certificates.check_pair(folder / SERVER, folder / SERVER_KEY)
+        again = "create other keys with imud keys init, and give out their files"
+        renew = f"imud keys renew {folder}, then reload imud"
+        _warn(contents[0], f"the certificate of the authority, {folder / CA},", again)
+        _warn(contents[1], f"the daemon's certificate, {folder / SERVER},", renew)
+        lines = contents[3].decode("utf-8", "replace").splitlines()
+        pairs = (line.partition(":") for line in lines)
+        passwords = {user: word for user, _, word in pairs if user and word}
+    if settings.credentials:
+        path = Path(settings.credentials)
+        mine = read_credentials(path)
+        contents.append(msgspec.json.encode(mine))
+        anew = "get another file from who runs that imud (imud keys add)"
+        _warn(mine.certificate.encode(), f"the certificate in {path}", anew)
+    if config.ros2.enabled:
+        of_ros2 = own_credentials(settings, is_abroad=bool(config.ros2.connect))
+    digest = hashlib.sha256(b"\0".join(contents)).digest() if contents else b""
+    return Keys(digest, roles, passwords, of_ros2)
+
+
+def _read(folder: Path, name: str) -> bytes:
+    try:
+        return (folder / name).read_bytes()
+    except OSError as error:
+        raise ConfigError(
+            f"can't read {folder / name}: {error.strerror}; create it with imud keys "
+            f"init {folder}, and run imud as its owner"
+        ) from error
+
+
+def _warn(pem: bytes, whose: str, remedy: str) -> None:
+    try:
+        fault = certificates.trouble(pem, whose, remedy)
+    except ValueError as error:
+        raise ConfigError(f"{whose} can't be read: {error}; {remedy}") from error
+    if fault:
+        logger.warning("network: %s", fault)
 
 
 def is_guest(settings: ZenohSettings) -> bool:
@@ -255,6 +312,10 @@ def open_client(where: str, mine: Credentials | None = None) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
+        if mine is not None and (
+            why := certificates.why_refused(where, mine.ca, mine.certificate)
+        ):
+            raise DaemonNotFound(why) from error
         advice = (
             f"or it does not admit {mine.user}: see its output"
             if mine is not None
@@ -283,13 +344,6 @@ def _config(wanted: Mapping[str, Any]) -> zenoh.Config:
 
 def _guard(folder: Path, settings: ZenohSettings) -> dict[str, Any]:
     """Zenoh's settings that admit users with keys of this folder, each by its role."""
-    roles = read_roles(folder)
-    for name in (CA, SERVER, SERVER_KEY, USERS):
-        if not os.access(folder / name, os.R_OK):
-            raise ConfigError(
-                f"can't read {folder / name}; create it with imud keys init {folder}, "
-                "and run imud as its owner"
-            )
     return {
         _TLS + "root_ca_certificate": str(folder / CA),
         _TLS + "listen_certificate": str(folder / SERVER),
@@ -297,7 +351,7 @@ def _guard(folder: Path, settings: ZenohSettings) -> dict[str, Any]:
         _TLS + "enable_mtls": settings.mutual_tls,
         _PASSWORDS: {"dictionary_file": str(folder / USERS)},
         "access_control": access.rules(
-            roles, settings.prefix, has_certificates=settings.mutual_tls
+            read_roles(folder), settings.prefix, has_certificates=settings.mutual_tls
         ),
     }
 

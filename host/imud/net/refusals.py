@@ -25,6 +25,9 @@ _LINK = re.compile(r"Accepted \w+ connection on \S+?: (?P<who>[^\s.]\S*?)\.?(?:\
 _REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)\.?(?: at /.*)?$")
 # A link without TLS: Zenoh does not say from where. Its hint is about another cause.
 _NO_TLS = re.compile(r"WARN .*zenoh_link_tls::unicast: (?P<why>.*?)(?:\. Hint: .*)?$")
+# Of TLS, the client's complaint about this daemon; and this daemon's about a client.
+_ALERT = re.compile(r"received fatal alert: (?P<what>\w+)")
+_PEER = re.compile(r"invalid peer certificate: (?P<what>\w+)")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 # A message that no rule allows, with the first digits of its session's id. The level
@@ -84,6 +87,22 @@ def tell_refusals(tell: Callable[[str, str], None]) -> None:
     thread.start()
 
 
+def _blamed(why: str) -> str:
+    """Says on which side a handshake failed."""
+    if alert := _ALERT.search(why):
+        return (
+            f"{UNKNOWN} does not trust this daemon ({alert['what']}): its key file is "
+            "of another imud, its clock is wrong, or the daemon's certificate is out "
+            "of its time (imud keys renew)"
+        )
+    if peer := _PEER.search(why):
+        return (
+            f"refused {UNKNOWN}: its certificate is not trusted here ({peer['what']}); "
+            "it needs a key file of this imud (imud keys add)"
+        )
+    return f"refused {UNKNOWN}: TLS: {why}"
+
+
 def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
     who = UNKNOWN
     with os.fdopen(source, encoding="utf-8", errors="replace") as lines:
@@ -92,7 +111,7 @@ def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
             if link := _LINK.search(line):
                 who = link["who"]
             elif failed := _NO_TLS.search(line):
-                tell("refused", f"network: refused {UNKNOWN}: TLS: {failed['why']}")
+                tell("refused", f"network: {_blamed(failed['why'])}")
             elif refused := _REFUSED.search(line):
                 if not refused["why"].startswith("New transport"):
                     tell("refused", f"network: refused {who}: {refused['why']}")

@@ -7,15 +7,12 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Protocol
 
 import msgspec
 
 from imud.commands import COMMANDS
-from imud.errors import ConfigError
 from imud.net import access
-from imud.net.network import USERS, read_roles
 from imud.roles import Role
 from imud.web.feed import BODY, CALIBRATION, EVENTS, LATEST, STREAMS, UPDATE
 
@@ -84,11 +81,10 @@ class Everybody:
 
 
 class KeyUsers:
-    """The users in a folder of `imud keys`; ConfigError if it can't be read."""
+    """The users of `imud keys`."""
 
-    def __init__(self, folder: Path) -> None:
-        self._roles = read_roles(folder)
-        self._passwords = _read_passwords(folder / USERS)
+    def __init__(self, roles: Mapping[str, Role], passwords: Mapping[str, str]) -> None:
+        self._roles, self._passwords = roles, passwords
 
     def at_first(self) -> Grant:
         return NOTHING
@@ -113,12 +109,3 @@ class TokenHolder:
     def log_in(self, user: str, secret: str) -> Grant | None:  # noqa: ARG002 - no users
         is_right = secrets.compare_digest(self.token.encode(), secret.encode())
         return grant_of(self._role) if is_right else None
-
-
-def _read_passwords(path: Path) -> Mapping[str, str]:
-    try:
-        lines = path.read_text("utf-8").splitlines()
-    except OSError as error:
-        raise ConfigError(f"can't read {path}: {error.strerror}") from error
-    pairs = (line.partition(":") for line in lines)
-    return {user: password for user, _, password in pairs if user and password}

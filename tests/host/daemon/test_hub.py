@@ -148,6 +148,26 @@ def test_a_sink_that_can_not_be_opened_is_the_callers_to_tell() -> None:
         Hub().add(Closed())
 
 
+def test_a_sink_that_could_not_be_opened_is_without_a_record_once_it_can(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Subscribers come before the first probe does."""
+    monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
+    opened = threading.Event()
+
+    class Late(FakeSink):
+        def open(self) -> None:
+            super().open()
+            if self.opened == 1:
+                raise FileError("the address is taken")
+            opened.set()
+
+    whole = Hub()
+    whole.set("late", Late("late"))
+    opened.wait()
+    whole.close()
+
+
 def test_a_sink_with_a_period_is_flushed_without_records() -> None:
     flushed = threading.Event()
 

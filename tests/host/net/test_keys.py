@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import stat
 import tomllib
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from cryptography.x509.verification import PolicyBuilder, Store
 from imud import cli
 from imud import endpoint as endpoints
 from imud.config.reader import load
-from imud.config.settings import ZenohSettings
+from imud.config.settings import Config, ZenohSettings
 from imud.errors import ConfigError, FileError, ImudError
 from imud.net import access, keys, network
 
@@ -286,3 +287,34 @@ def test_a_renewed_certificate_has_the_same_names_and_key(
     path.write_text("no certificate")
     assert cli.main(["keys", "renew", str(folder)]) == 1
     assert "not created by imud keys init" in capsys.readouterr().err
+
+
+def test_no_certificate_outlives_its_authority(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(keys, "AFTER", timedelta(minutes=-1))
+    keys.initialise(tmp_path / "keys", [], 7447)
+    with pytest.raises(FileError, match=r"authority \S+ expired on .* imud keys init"):
+        keys.renew(tmp_path / "keys")
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "words"),
+    [
+        ("server.key", "no key", "are not a certificate and its key"),
+        ("server.pem", "no certificate", "are not a certificate and its key"),
+        ("ca.pem", "no certificate", "the authority, .* can't be read"),
+        ("server.key", None, "is not the key of"),
+        ("roles.toml", "viewer = 'king'", "each line must be NAME = ROLE"),
+    ],
+)
+def test_keys_with_which_no_daemon_can_serve_are_refused(
+    tmp_path: Path, file: str, text: str | None, words: str
+) -> None:
+    """Zenoh would say that the address is taken."""
+    folder = tmp_path / "keys"
+    keys.initialise(folder, [], 7447)
+    other = (folder / "ca.key").read_text("utf-8")
+    (folder / file).write_text(other if text is None else text, "utf-8")
+    with pytest.raises(ConfigError, match=words):
+        network.read_keys(Config(zenoh=ZenohSettings(keys=str(folder))))

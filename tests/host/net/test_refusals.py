@@ -8,9 +8,11 @@ from __future__ import annotations
 import json
 import os
 import queue
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from datetime import timedelta
 from pathlib import Path
 
 import msgspec
@@ -18,8 +20,8 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from fakes import PATIENCE_S, DaemonProcess
-from guarded import PROBE, WHILE_S, Guarded, received_on, tls_endpoint
+from fakes import PATIENCE_S
+from guarded import PROBE, WHILE_S, Guarded, received_on
 from imud import cli
 from imud.client import Client
 from imud.errors import DaemonNotFound
@@ -177,7 +179,7 @@ def test_a_daemon_of_another_authority_is_not_trusted(
     where = ["--connect", guarded.endpoint, "--keys", str(path)]
     assert cli.main(["list", *where]) == 1
     assert capsys.readouterr().err.count("\n") == 1
-    guarded.daemon.expect("network: refused an unknown client: TLS: .*alert")
+    guarded.daemon.expect("network: an unknown client does not trust this daemon")
 
 
 def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
@@ -260,7 +262,7 @@ def test_with_mutual_tls_an_unknown_certificate_or_none_is_refused(
     )
     with pytest.raises(DaemonNotFound):
         network.open_client(mutual.endpoint, mixed)
-    mutual.daemon.expect("network: refused an unknown client: TLS: ")
+    mutual.daemon.expect("refused an unknown client: its certificate is not trusted")
     bare = network._known_as(mutual.credentials("viewer"), {})
     config = network._config(
         {
@@ -278,23 +280,68 @@ def test_with_mutual_tls_an_unknown_certificate_or_none_is_refused(
     mutual.daemon.expect("network: refused an unknown client: TLS: ")
 
 
-def test_who_is_removed_is_let_in_no_longer(tmp_path: Path) -> None:
-    guarded = Guarded(tmp_path)
-    try:
-        mine = guarded.credentials("other-operator")
-        network.open_client(guarded.endpoint, mine).close()
-        keys.remove(guarded.keys, "other-operator")
-        guarded.hush()
-        guarded.daemon.stop()
-        fresh = DaemonProcess(
-            "--config",
-            tmp_path / "imud.toml",
-            directory=tmp_path,
-            log=False,
-            endpoint=tls_endpoint(),
-        )
-        with fresh, pytest.raises(DaemonNotFound):
-            fresh.expect("listens on")
-            network.open_client(fresh.endpoint, mine)
-    finally:
-        guarded.close()
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[Guarded]:
+    """Its keys change."""
+    made = Guarded(tmp_path)
+    yield made
+    made.close()
+
+
+def reload(guarded: Guarded, line: str) -> None:
+    guarded.daemon.seen()
+    guarded.daemon.process.send_signal(signal.SIGHUP)
+    guarded.daemon.expect(line)
+
+
+def test_a_reload_ends_the_sessions_of_who_was_removed_and_admits_who_was_added(
+    own: Guarded,
+) -> None:
+    mine = own.credentials("other-operator")
+    with own.session("viewer") as viewer, own.session("other-operator") as session:
+        reload(own, "reloaded: no change")
+        assert network.is_connected(session)
+        keys.remove(own.keys, "other-operator")
+        keys.add(own.keys, "viewer", "anna")
+        reload(own, "reloaded: keys")
+        while network.is_connected(session):
+            time.sleep(0.02)
+        assert received_on(viewer, "imud/*/pose", wanted={f"imud/{PROBE}/pose"})
+        with own.session("anna"):
+            assert not network.is_connected(session)
+        own.daemon.expect("Invalid user")
+    with pytest.raises(DaemonNotFound, match="does not admit other-operator"):
+        network.open_client(own.endpoint, mine)
+    # What can't be read changes nothing.
+    (own.keys / "users.txt").rename(own.keys / "away.txt")
+    reload(own, "reload failed, .* can't read .*users.txt")
+    own.welcome()
+
+
+def test_a_certificate_out_of_its_time_is_told_on_both_sides(
+    own: Guarded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own.hush()
+    mine = own.credentials("viewer")
+    for last, words, here in (
+        (
+            timedelta(minutes=-1),
+            "is valid from .* only: imud keys renew",
+            "has expired",
+        ),
+        (timedelta(days=7), "expires on .*: imud keys renew", ""),
+    ):
+        monkeypatch.setattr(keys, "AFTER", last)
+        keys.renew(own.keys)
+        reload(own, f"the daemon's certificate, .*server.pem, {words} ")
+        if here:
+            with pytest.raises(
+                DaemonNotFound, match=f"{here}; on its machine run imud"
+            ):
+                network.open_client(own.endpoint, mine)
+            own.daemon.expect(r"does not trust this daemon \(CertificateExpired\)")
+    own.welcome()
+    monkeypatch.setattr(keys, "AFTER", timedelta(minutes=-1))
+    keys.add(own.keys, "viewer", "late")  # whom the daemon does not know yet
+    with pytest.raises(DaemonNotFound, match=r"in your key file is valid .*: get"):
+        network.open_client(own.endpoint, own.credentials("late"))
