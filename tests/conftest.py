@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import native
+from chromium import CHROMIUM
 from imud import checkout
 from imud.virtual.boards import BOARDS
 
@@ -69,10 +69,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             f"{path.relative_to(ROOT)}: a sanitizer ended a process"
         )
         terminalreporter.write_line(path.read_text(errors="replace"))
-    if shutil.which("chromium") is None:
+    if CHROMIUM is None:
         terminalreporter.write_line(
             "chromium is not there, so the page was not tested in a browser: "
-            "apt-get install chromium"
+            "apt-get install chromium-headless-shell"
         )
 
 

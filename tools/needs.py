@@ -85,7 +85,10 @@ BOARD_NEEDS = {
 # images need none.
 NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
 # Shows the page to tests, which leave that out where it is not: Ubuntu has no package.
-CHROMIUM = Need("chromium", has("chromium"))
+CHROMIUM = Need(
+    "chromium-headless-shell",
+    lambda: has("chromium-headless-shell")() or has("chromium")(),
+)
 # Proves that parsers have no undefined behaviour, and takes 860 MB.
 FRAMA_C = Need("frama-c-base", has("frama-c"))
 BROWSING = ("test", "test-long", "bench")  # commands that use it

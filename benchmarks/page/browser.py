@@ -114,7 +114,9 @@ def chromium() -> Iterator[Browser]:
     """The system's browser, without a window."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=[*ARGUMENTS]
+            executable_path=shutil.which("chromium-headless-shell")
+            or shutil.which("chromium"),
+            args=[*ARGUMENTS],
         )
         yield browser
         browser.close()

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
 from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
+from chromium import CHROMIUM
 from web.desk import ARGUMENTS, Desk, Seen, seen
 from web.served import Served
 
@@ -24,12 +24,13 @@ def served() -> Iterator[Served]:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """The system's Chromium, one for all tests of a file."""
-    path = shutil.which("chromium")
-    if path is None:
+    if CHROMIUM is None:
         # As on Ubuntu, which has no package of it: docs/limits.md.
         pytest.skip("chromium is not there")
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS])
+        chromium = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=[*ARGUMENTS]
+        )
         yield chromium
         chromium.close()
 
