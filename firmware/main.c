@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Init, then forever: sensor to probe, probe to wire. All that knows a chip is behind
 // board.h; all that knows a probe is in core/.
-#include "board.h"
-#include "core/probe/acquisition.h"
 #include "core/probe/commands.h"
-#include "core/probe/probe.h"
+#include "ports.h"
 
 enum {
     STEP_US = 5000,  // of the button, the periodic messages and the LED
@@ -14,7 +12,7 @@ enum {
 static struct probe probe;
 static struct acquisition acquisition;
 
-static void describe(struct message_hello *out) {
+void main_describe(struct message_hello *out) {
     static const IN_FLASH char firmware[] = FIRMWARE_BUILD;
     for (uint8_t i = 0; i < sizeof out->firmware && firmware[i] != '\0'; i++) {
         out->firmware[i] = firmware[i];
@@ -24,7 +22,7 @@ static void describe(struct message_hello *out) {
     out->reset_address = board_reset_address();
 }
 
-static void measure(struct message_status *out) {
+void main_measure(struct message_status *out) {
     const uint16_t supply_mv = board_supply_mv();
     out->supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL;
     out->samples_ready = board_samples_ready() + acquisition_polled_edges(&acquisition);
@@ -32,33 +30,15 @@ static void measure(struct message_status *out) {
     out->receive_lost = board_receive_lost();
 }
 
-static struct outlet wire = {.put = board_send};
-static const IN_FLASH struct probe_port probe_port = {
-    .wire = &wire,
-    .memory = &board_memory,
-    .describe = describe,
-    .measure = measure,
-    .unique_id = board_unique_id,
-    .entropy = board_entropy,
-};
-static const IN_FLASH struct acquisition_port acquisition_port = {
-    .sensor = &board_sensor,
-    .bus = &board_bus,
-    .recover_bus = board_bus_recover,
-    .start_sampling = board_sampling_start,
-    .stop_sampling = board_sampling_stop,
-    .take_reading = board_reading_take,
-#ifndef ACQUISITION_WIRED_ONLY
-    .time_us = board_time_us,
-#endif
-};
+struct outlet main_wire;
 
 int main(void) {
     board_init();
+    main_wire.put = board_send;
     uint32_t stepped_us = board_time_us();
-    probe_begin(&probe, &probe_port, stepped_us);
+    probe_begin(&probe, PORT_GIVEN(probe_port), stepped_us);
     board_equipment_begin(&probe);
-    acquisition_begin(&acquisition, &acquisition_port, &probe);
+    acquisition_begin(&acquisition, PORT_GIVEN(acquisition_port), &probe);
     uint8_t waited = 0;
     for (;;) {
         board_watchdog_kick();

@@ -3,5 +3,5 @@
 #include "../board.h"
 #include "core/drivers/mpu9250.h"
 
-static struct mpu9250 chip;
+struct mpu9250 chip;
 const IN_FLASH struct sensor_driver board_sensor = MPU9250_DRIVER(&chip);

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: MIT
 // The sensor of this board, in the image nano_lsm6dsox: a module of two chips.
 #include "../board.h"
-#include "core/drivers/adafruit_4517.h"
+#include "parts.h"
 
 // Zeroed, or all of it would be copied from flash.
-static struct joined module;
+struct joined chip_pair;
 
-static void begin(void *state) {
-    module.config = &adafruit_4517;
+void chip_pair_begin(void *state) {
+    chip_pair.config = &adafruit_4517;
     joined_begin(state);
 }
 
-const IN_FLASH struct sensor_driver board_sensor = JOINED_DRIVER(&module, begin);
+const IN_FLASH struct sensor_driver board_sensor =
+    JOINED_DRIVER(&chip_pair, chip_pair_begin);

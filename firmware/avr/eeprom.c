@@ -7,12 +7,12 @@
 
 _Static_assert(MEMORY_SIZE <= E2END + 1, "it must fit the EEPROM");
 
-static bool is_ready(void *port) {
+bool eeprom_is_ready(void *port) {
     (void)port;
     return (EECR & _BV(EEPE)) == 0;
 }
 
-static uint8_t read_byte(void *port, uint16_t offset) {
+uint8_t eeprom_read(void *port, uint16_t offset) {
     (void)port;
     EEAR = offset;
     EECR = _BV(EERE);
@@ -21,7 +21,7 @@ static uint8_t read_byte(void *port, uint16_t offset) {
 
 // Erases and writes one byte, which takes the hardware 3.4 ms. The write must follow
 // its permission within four cycles ("The EEPROM Control Register").
-static void write_byte(void *port, uint16_t offset, uint8_t value) {
+void eeprom_write(void *port, uint16_t offset, uint8_t value) {
     (void)port;
     EEAR = offset;
     EEDR = value;
@@ -31,4 +31,5 @@ static void write_byte(void *port, uint16_t offset, uint8_t value) {
     }
 }
 
-const IN_FLASH struct memory board_memory = {read_byte, write_byte, is_ready, 0};
+const IN_FLASH struct memory board_memory = {eeprom_read, eeprom_write, eeprom_is_ready,
+                                             0};

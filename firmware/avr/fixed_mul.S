@@ -966,17 +966,25 @@ multiply:
     .type   vector_square_q32, @function
 vector_square_q32:
     set
-    rjmp    square
+    rjmp    sum_of_products
     .size   vector_square_q32, . - vector_square_q32
 
 ; int32_t vector_square_q30(const struct vector *v)
     .global vector_square_q30
     .type   vector_square_q30, @function
 vector_square_q30:
+    movw    r22, r24
+    .size   vector_square_q30, . - vector_square_q30
+
+; int32_t vector_dot(const struct vector *a, const struct vector *b)
+    .global vector_dot
+    .type   vector_dot, @function
+vector_dot:
     clt
-square:
+sum_of_products:
     rcall   save
     movw    r14, r24
+    movw    r12, r22
     clr     r4
     clr     r5
     movw    r6, r4
@@ -990,14 +998,20 @@ square:
     ld      r25, X+
     movw    r14, r26
     sbrc    r17, 0
-    call    fixed_magnitude
+    rjmp    2f
+    movw    r26, r12
+    ld      r18, X+
+    ld      r19, X+
+    ld      r20, X+
+    ld      r21, X+
+    movw    r12, r26
+    call    fixed_mul_q30
+    rjmp    3f
+2:  call    fixed_magnitude
     movw    r18, r22
     movw    r20, r24
-    sbrs    r17, 0
-    call    fixed_mul_q30
-    sbrc    r17, 0
     call    fixed_umul_q32
-    add     r4, r22
+3:  add     r4, r22
     adc     r5, r23
     adc     r6, r24
     adc     r7, r25
@@ -1007,7 +1021,7 @@ square:
     movw    r24, r6
     clr     r26
     rjmp    restore
-    .size   vector_square_q30, . - vector_square_q30
+    .size   vector_dot, . - vector_dot
 
 ; void vector_subtract(const struct vector *a, const struct vector *b, struct vector *out)
     .global vector_subtract

@@ -22,14 +22,15 @@
 NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                                             const struct vector *north, q14_18_t norm) {
     const int32_t *covariance = fuse->state.field_covariance;
-    const int32_t across_y = fixed_mul_at(&covariance[0], &north->y) -
-                             fixed_mul_at(&covariance[1], &north->x);
-    const int32_t across_x = fixed_mul_at(&covariance[2], &north->x) -
-                             fixed_mul_at(&covariance[1], &north->y);
-    const int32_t across =
-        fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
+    // Of two states the covariance has its rows at 0 and at 1; z of `north` is 0.
+    struct vector shared = {0};
+    for (uint8_t axis = 0; axis < 2; ++axis) {
+        shared.axis[axis] =
+            vector_dot((const struct vector *)(covariance + axis), north);
+    }
+    int32_t along = vector_dot(&shared, north);
+    const int32_t across = covariance[0] + covariance[2] - along;
     int32_t total_q19 = across;
-    int32_t along = covariance[0] + covariance[2] - across;
     if (fuse_is_own_unknown(fuse)) {
         total_q19 += UNCALIBRATED_VARIANCE;
     } else {

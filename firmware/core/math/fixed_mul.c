@@ -128,9 +128,13 @@ uint16_t fixed_sqrt(uint32_t x) {
 }
 
 int32_t vector_square_q30(const struct vector *v) {
+    return vector_dot(v, v);
+}
+
+int32_t vector_dot(const struct vector *a, const struct vector *b) {
     int32_t sum = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        sum += fixed_mul_q30(v->axis[axis], v->axis[axis]);
+        sum += fixed_mul_q30(a->axis[axis], b->axis[axis]);
     }
     return sum;
 }

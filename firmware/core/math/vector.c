@@ -47,8 +47,3 @@ bool vector_exceeds(const struct vector *v, int32_t limit) {
     }
     return false;
 }
-
-q2_30_t vector_dot(const struct vector *a, const struct vector *b) {
-    return fixed_mul_q30(a->x, b->x) + fixed_mul_q30(a->y, b->y) +
-           fixed_mul_q30(a->z, b->z);
-}

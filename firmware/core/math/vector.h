@@ -41,7 +41,7 @@ bool vector_exceeds(const struct vector *v, int32_t limit);
 
 // a . b and a x b over 2^30, of vectors the product of whose norms over 2^30 is below
 // 2^31. `out` may be neither.
-q2_30_t vector_dot(const struct vector *a, const struct vector *b);
+int32_t vector_dot(const struct vector *a, const struct vector *b);
 void vector_cross(const struct vector *a, const struct vector *b, struct vector *out);
 
 #endif

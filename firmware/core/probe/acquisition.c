@@ -4,6 +4,8 @@
 
 #include <stddef.h>
 
+#include "core/drivers/ports_of.h"
+
 enum {
     SILENCE_US = 50000,     // without data-ready: ten samples of the slowest sensor
     RETRY_US = 200000,      // between two attempts to bring the sensor up
@@ -51,7 +53,7 @@ static const IN_FLASH uint8_t causes[] = {
 #ifdef ACQUISITION_WIRED_ONLY
 static const IN_FLASH struct sensor_driver *
 sensor_of(const struct acquisition *acquisition) {
-    return acquisition->port->sensor;
+    return ACQUISITION_PORT(acquisition)->sensor;
 }
 
 static uint8_t bursts_of(const IN_FLASH struct sensor_driver *sensor) {
@@ -82,7 +84,7 @@ __attribute__((noinline)) static void start_sampling(struct acquisition *acquisi
         return;
     }
 #endif
-    acquisition->port->start_sampling(sensor->bursts, bursts_of(sensor));
+    ACQUISITION_PORT(acquisition)->start_sampling(sensor->bursts, bursts_of(sensor));
 }
 
 static void begin_setup(struct acquisition *acquisition) {
@@ -95,7 +97,8 @@ static void begin_setup(struct acquisition *acquisition) {
 void acquisition_begin(struct acquisition *acquisition,
                        const IN_FLASH struct acquisition_port *port,
                        struct probe *probe) {
-    *acquisition = (struct acquisition){.port = port, .probe = probe};
+    *acquisition = (struct acquisition){.probe = probe};
+    SET_PORT(acquisition, port);
 #ifndef ACQUISITION_WIRED_ONLY
     acquisition->sensor = port->sensor;
 #endif
@@ -105,7 +108,7 @@ void acquisition_begin(struct acquisition *acquisition,
 static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
     const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     const enum sensor_result result =
-        sensor->setup(sensor->state, acquisition->port->bus, now_us);
+        sensor->setup(sensor->state, ACQUISITION_PORT(acquisition)->bus, now_us);
     if (result == SENSOR_OK) {
 #ifndef ACQUISITION_WIRED_ONLY
         acquisition->is_found = true;
@@ -134,7 +137,7 @@ static bool tries_another(struct acquisition *acquisition) {
 
 // Asks the sensor, and reads its sample; as take_reading() of a board with the wire.
 static enum reading_result ask(struct acquisition *acquisition, struct reading *out) {
-    const IN_FLASH struct acquisition_port *port = acquisition->port;
+    const IN_FLASH struct acquisition_port *port = ACQUISITION_PORT(acquisition);
     const IN_FLASH struct bus_device *bus = port->bus;
     const IN_FLASH struct sensor_driver *sensor = acquisition->sensor;
     const struct sensor_ready *ready = sensor->ready;
@@ -175,7 +178,7 @@ static bool goes_without_wire(struct acquisition *acquisition, uint32_t now_us) 
         acquisition->sensor->ready == NULL) {
         return false;
     }
-    acquisition->port->stop_sampling();
+    ACQUISITION_PORT(acquisition)->stop_sampling();
     acquisition->is_polled = true;
     acquisition->since_us = now_us;
     start_sampling(acquisition);
@@ -212,11 +215,12 @@ __attribute__((noinline)) static enum outcome
 take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now_us) {
     struct reading reading;
 #ifdef ACQUISITION_WIRED_ONLY
-    const enum reading_result result = acquisition->port->take_reading(&reading);
+    const enum reading_result result =
+        ACQUISITION_PORT(acquisition)->take_reading(&reading);
 #else
-    const enum reading_result result = acquisition->is_polled
-                                           ? ask(acquisition, &reading)
-                                           : acquisition->port->take_reading(&reading);
+    const enum reading_result result =
+        acquisition->is_polled ? ask(acquisition, &reading)
+                               : ACQUISITION_PORT(acquisition)->take_reading(&reading);
     acquisition->is_wired |= !acquisition->is_polled && result == READING_OK;
 #endif
     if (result != READING_OK) {
@@ -257,7 +261,7 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
         (is_late && acquisition->unchecked < UINT8_MAX)) {
         return OUTCOME_OK;
     }
-    const IN_FLASH struct acquisition_port *port = acquisition->port;
+    const IN_FLASH struct acquisition_port *port = ACQUISITION_PORT(acquisition);
     const IN_FLASH struct sensor_driver *sensor = sensor_of(acquisition);
     acquisition->unchecked = 0;
 #ifndef ACQUISITION_WIRED_ONLY
@@ -276,7 +280,7 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
 // blocked, the sensor is set up again shortly after.
 static void fail(struct acquisition *acquisition, enum outcome outcome,
                  uint32_t now_us) {
-    const IN_FLASH struct acquisition_port *port = acquisition->port;
+    const IN_FLASH struct acquisition_port *port = ACQUISITION_PORT(acquisition);
     const bool is_bus = outcome >= OUTCOME_BUS_STUCK;
     bool is_over = !is_bus || acquisition->phase == ACQUISITION_SETUP;
     if (!is_over) {
@@ -314,7 +318,7 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
         if (elapsed_us >= RETRY_US) {
 #ifndef ACQUISITION_WIRED_ONLY
             if (!acquisition->is_found) {
-                acquisition->sensor = acquisition->port->sensor;
+                acquisition->sensor = ACQUISITION_PORT(acquisition)->sensor;
             }
 #endif
             begin_setup(acquisition);

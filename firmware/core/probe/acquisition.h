@@ -48,7 +48,9 @@ enum acquisition_phase {
 };
 
 struct acquisition {
+#ifndef PORTS_FIXED
     const IN_FLASH struct acquisition_port *port;
+#endif
     struct probe *probe;
 #ifndef ACQUISITION_WIRED_ONLY
     // Of the port's, the one that is tried or was found; once it was, no other is

@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "core/drivers/ports_of.h"
 #include "core/wire/frame.h"
 #include "core/wire/messages.h"
 
@@ -16,7 +17,7 @@ void outlet_put(struct outlet *outlet, uint8_t *bytes, uint8_t length) {
     ++outlet->sequence;
     const uint16_t seed =
         bytes[ID_AT] == MESSAGE_HELLO ? FRAME_HELLO_SEED : SCHEMA_SEED;
-    if (!outlet->put(bytes, frame_encode(seed, bytes, length))) {
+    if (!OUTLET_PUT(outlet)(bytes, frame_encode(seed, bytes, length))) {
         ++outlet->dropped;
     }
 }

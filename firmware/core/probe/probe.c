@@ -7,6 +7,7 @@
 
 #include "core/math/constant.h"
 #include "core/probe/own_field.h"
+#include "core/drivers/ports_of.h"
 #include "core/probe/probe_filter.h"
 #include "core/probe/probe_params.h"
 #include "core/probe/probe_stream.h"
@@ -25,13 +26,13 @@ enum { ENTROPY_READINGS = 64 };
 
 static void make_id(struct probe *probe) {
     uint8_t *id = probe->settings.probe_id;
-    if (probe->port->unique_id(id)) {
+    if (PROBE_PORT(probe)->unique_id(id)) {
         return;
     }
     for (uint8_t i = 0; i < ENTROPY_READINGS; ++i) {
         // Little endian, as messages.c asserts of all our processors. The number makes
         // the parts of an id differ where all readings are equal.
-        const uint16_t reading = (uint16_t)(probe->port->entropy() + i);
+        const uint16_t reading = (uint16_t)(PROBE_PORT(probe)->entropy() + i);
         uint8_t *const at = &id[2 * (i % 4)];
         uint16_t word;
         memcpy(&word, at, sizeof word);
@@ -44,14 +45,14 @@ static void make_id(struct probe *probe) {
 void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
                  uint32_t now_us) {
     memset(probe, 0, sizeof *probe);
-    probe->port = port;
+    SET_PORT(probe, port);
     probe->now_us = now_us;
     probe->second_us = now_us;
     probe->status.temperature = STATUS_TEMPERATURE_NULL;
     frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO, probe->received,
                        sizeof probe->received);
     const enum settings_result loaded =
-        settings_load(port->memory, &probe->settings, &probe->writer);
+        settings_load(PROBE_PORT(probe)->memory, &probe->settings, &probe->writer);
     uint8_t id_bits = 0;
     for (uint8_t i = 0; i < sizeof probe->settings.probe_id; ++i) {
         id_bits |= probe->settings.probe_id[i];
@@ -234,7 +235,8 @@ static void follow_button(struct probe *probe, bool is_down) {
 
 // Work for the memory, of which only one runs at a time.
 static void use_memory(struct probe *probe) {
-    if (!probe->port->memory->is_ready(probe->port->memory->port)) {
+    const IN_FLASH struct memory *const memory = MEMORY_PORT(PROBE_PORT(probe)->memory);
+    if (!memory->is_ready(memory->port)) {
         return;
     }
     switch (settings_step(&probe->writer, &probe->settings)) {

@@ -5,12 +5,13 @@
 #include <stddef.h>
 
 #include "core/probe/own_field.h"
+#include "core/drivers/ports_of.h"
 #include "core/probe/probe_filter.h"
 #include "core/probe/send.h"
 
 void probe_params_load(struct probe *probe) {
     const bool is_whole =
-        params_store_open(&probe->store, probe->port->memory, &probe->params);
+        params_store_open(&probe->store, PROBE_PORT(probe)->memory, &probe->params);
     if (!is_whole) {
         send_event(probe, EVENT_PARAMS_LOST, CAUSE_WORN,
                    (int32_t)probe->store.bank.list.digest);

@@ -65,7 +65,9 @@ struct probe_port {
 // The smaller and the busier a member, the further up: the AVR reaches the first 64
 // bytes of a struct in one instruction.
 struct probe {
+#ifndef PORTS_FIXED
     const IN_FLASH struct probe_port *port;
+#endif
     const struct sensor_identity *identity;  // NULL until the sensor was found
     bool is_streaming;
     bool is_faulty;  // the sensor does not deliver

@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/drivers/ports_of.h"
+
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
 
@@ -32,7 +34,7 @@ NOINLINE static void put(struct probe *probe, uint8_t outlets, message_layout *l
         put_copy(&probe->log->outlet, bytes, length);
     }
     if (TO_CARD == 0 || (open & TO_WIRE) != 0) {
-        outlet_put(probe->port->wire, bytes, length);
+        outlet_put(PROBE_PORT(probe)->wire, bytes, length);
     }
 }
 
@@ -72,7 +74,7 @@ NOINLINE static void make_hello(const struct probe *probe, struct message_hello 
     out->filter = probe_state_filter(probe);
     out->params_digest = probe->store.bank.list.digest;
     tell_own_field(probe, out);
-    probe->port->describe(out);
+    PROBE_PORT(probe)->describe(out);
     memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
     if (identity != NULL) {
         memcpy(&out->sensor, identity, OFFSET(sensor_identity, self_test) + 1);
@@ -115,8 +117,8 @@ _Static_assert(OFFSET(message_status, bus_recoveries) -
 NOINLINE static void make_status(const struct probe *probe,
                                  struct message_status *out) {
     const struct probe_counts *counts = &probe->status;
-    const struct outlet *wire = probe->port->wire;
-    probe->port->measure(out);
+    const struct outlet *wire = PROBE_PORT(probe)->wire;
+    PROBE_PORT(probe)->measure(out);
     out->uptime = counts->uptime;
     out->state = (uint8_t)probe_state(probe);
     memcpy(&out->samples_read, counts, OFFSET(probe_counts, commands_received));

@@ -2,10 +2,12 @@
 // Bytes of a board's memory; see memory.h.
 #include "core/storage/memory.h"
 
+#include "core/drivers/ports_of.h"
+
 enum { TRIES_MAX = 3 };  // EEPROM cells fail permanently, not intermittently
 
 uint8_t memory_read(const IN_FLASH struct memory *memory, uint16_t offset) {
-    return memory->read(memory->port, offset);
+    return MEMORY_PORT(memory)->read(MEMORY_PORT(memory)->port, offset);
 }
 
 void memory_copy(const IN_FLASH struct memory *memory, uint16_t offset, void *out,
@@ -18,7 +20,7 @@ void memory_copy(const IN_FLASH struct memory *memory, uint16_t offset, void *ou
 
 enum memory_result memory_put(struct memory_writer *writer, uint16_t offset,
                               uint8_t value) {
-    const IN_FLASH struct memory *memory = writer->memory;
+    const IN_FLASH struct memory *const memory = MEMORY_PORT(writer->memory);
     if (memory_read(memory, offset) == value) {
         return MEMORY_OK;
     }
