@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Runs the programs of `make bench WHAT=...`, whether or not one misses a figure."""
+"""Runs the programs of `make bench WHAT=...`, whether or not one misses a figure; or
+one of them, with its options.
+
+example: python -m benchmarks accuracy/groups.py --board f405
+"""
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 # The benchmarks: what each measures, then its programs with their options.
 BENCHES: dict[str, tuple[str, ...]] = {
@@ -100,7 +104,19 @@ DEFAULT = "accuracy"
 ONE_THREAD = {"calibration": {"OPENBLAS_NUM_THREADS": "1"}}
 
 
+def run_one(program: str, arguments: Sequence[str]) -> int:
+    """A program by its path in benchmarks/, in this process."""
+    name = program.removesuffix(".py").replace("/", ".")
+    status: int = importlib.import_module(f"benchmarks.{name}").main(
+        arguments=arguments
+    )
+    return status
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
+    words = sys.argv[1:] if arguments is None else arguments
+    if words and words[0].endswith(".py"):
+        return run_one(words[0], words[1:])
     width = max(map(len, BENCHES))
     lines = (f"  {name:{width}}  {says}" for name, (says, *_) in BENCHES.items())
     parser = argparse.ArgumentParser(
@@ -112,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--check", action="store_true", help="only check that it exists"
     )
-    args = parser.parse_args(arguments)
+    args = parser.parse_args(words)
     if args.what not in BENCHES:
         sys.exit(f"bench: no WHAT={args.what}; there are {', '.join(BENCHES)}")
     if args.check:
@@ -121,9 +137,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     environment = {**os.environ, **ONE_THREAD.get(args.what, {})}
     status = 0
     for program in programs:
-        path, *options = program.split()
-        words = [sys.executable, str(Path(__file__).parent / path), *options]
-        done = subprocess.run(words, env=environment, check=False)
+        command = [sys.executable, "-m", "benchmarks", *program.split()]
+        done = subprocess.run(command, env=environment, check=False)
         status = status or done.returncode
     return status
 

@@ -8,7 +8,6 @@ virtual boards would read.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
@@ -106,6 +105,3 @@ main = partial(
     harness.options(groups=GROUPS, boards=BOARDS, jobs=2, more=more),
     variants=["board"],
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -291,6 +291,3 @@ main = partial(
     harness.options(boards=BOARDS, jobs=2, more=more),
     variants=["board"],
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,7 +6,6 @@ without any procedure and after a guided one.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -230,6 +229,3 @@ main = partial(
     *("learning", __doc__, measured),
     harness.options(seeds=4, jobs=1),
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

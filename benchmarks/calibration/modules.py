@@ -203,6 +203,3 @@ main = partial(
     *("calibration", __doc__, measured),
     harness.options(seeds=40, jobs=1, more=more),
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
@@ -121,6 +120,3 @@ main = partial(
     *("calibration-verdicts", __doc__, measured),
     harness.options(seeds=1000, jobs=1),
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

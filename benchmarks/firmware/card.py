@@ -11,8 +11,9 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -184,9 +185,4 @@ def measured(args: argparse.Namespace) -> Report:
         return report_of(run(60.0 * args.minutes, Path(folder)))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("card", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "card", __doc__, measured, options)

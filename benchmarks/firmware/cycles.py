@@ -14,10 +14,10 @@ import argparse
 import contextlib
 import io
 import json
-import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -220,11 +220,4 @@ def measured(args: argparse.Namespace) -> Report:
     return Report([image_of(lines), *tables], figures, data)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run(
-        "cycles", __doc__, measured, options, variants=["board"], arguments=arguments
-    )
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "cycles", __doc__, measured, options, variants=["board"])

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -146,9 +147,4 @@ def memory_of(rows: Sequence[tuple[str, float, float | None]]) -> Table:
     return Table("memory", {"": ""} | dict.fromkeys(WAYS, ".3g"), rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("micropython", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "micropython", __doc__, measured, options)

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -195,9 +195,4 @@ def measured(args: argparse.Namespace) -> Report:
         return report_of(measure(args.seconds, args.seed, Path(folder)))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("pico", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "pico", __doc__, measured, options)

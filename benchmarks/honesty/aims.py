@@ -12,7 +12,6 @@ within 10 s.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -249,6 +248,3 @@ main = partial(
     harness.options(seeds=16, groups=ROOMS, boards=BOARDS, jobs=2),
     variants=["board"],
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

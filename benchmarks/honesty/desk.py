@@ -9,7 +9,6 @@ columns.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -117,6 +116,3 @@ main = partial(
     harness.options(seeds=8, groups=GROUPS, boards=BOARDS, jobs=2),
     variants=["board"],
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
@@ -127,6 +126,3 @@ main = partial(
     harness.options(seeds=16, groups=GROUNDS, boards=BOARDS, jobs=2),
     variants=["board"],
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

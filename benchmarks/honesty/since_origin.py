@@ -10,7 +10,6 @@ the stated one.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -255,6 +254,3 @@ main = partial(
     harness.options(seeds=16, groups=aiming.MOTIONS, boards=BOARDS, jobs=2, more=more),
     variants=["recordings", "board"],
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -18,6 +18,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -251,9 +252,4 @@ def measured(args: argparse.Namespace) -> Report:
     return Report([table], figures, runs)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("attacks", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "attacks", __doc__, measured, options)

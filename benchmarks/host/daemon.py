@@ -11,9 +11,9 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -95,9 +95,4 @@ def measured(args: argparse.Namespace) -> Report:
     return Report([table_of(runs)], [*figures_of(runs)], {"runs": runs})
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("host", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "host", __doc__, measured, options)

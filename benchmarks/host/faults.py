@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pytest
@@ -236,9 +236,4 @@ def measured(args: argparse.Namespace) -> Report:
     return report_of(recorder.found, status)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("faults", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "faults", __doc__, measured, options)

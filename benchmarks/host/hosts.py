@@ -14,10 +14,10 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -214,9 +214,4 @@ def measured(args: argparse.Namespace) -> Report:
     return Report([table_of(rows)], figures_of(rows), {"rows": rows})
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("hosts", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "hosts", __doc__, measured, options)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -188,6 +187,3 @@ main = partial(
     *("limb-chains", __doc__, measured),
     harness.options(seeds=4, more=more),
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,7 +6,6 @@ compass and without: docs/limb.md.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -173,6 +172,3 @@ def measured(args: argparse.Namespace) -> Report:
 main = partial(
     harness.run, *("limb-feet", __doc__, measured), harness.options(seeds=12)
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

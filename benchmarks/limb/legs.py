@@ -8,7 +8,6 @@ Runs the host build of the filter on the samples that the virtual Nano would rea
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -230,6 +229,3 @@ main = partial(
     *("limb-legs", __doc__, measured),
     harness.options(seeds=SEEDS["judging"][1], jobs=1, more=more),
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

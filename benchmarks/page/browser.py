@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -257,9 +258,4 @@ def measured(args: argparse.Namespace) -> Report:
     return Report([*tables_of(found)], data=found)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    return harness.run("page", __doc__, measured, options, arguments=arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(harness.run, "page", __doc__, measured, options)

@@ -7,7 +7,6 @@ docs/strokes.md explains the columns. The host computes the strokes of a Nano.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -174,6 +173,3 @@ main = partial(
     harness.options(seeds=30, boards=(F405.name, NANO.name), more=more),
     variants=["board"],
 )
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -294,6 +294,3 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 main = partial(harness.run, "tip", __doc__, measured, options)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -49,9 +49,10 @@ def test_programs_run_in_their_order_though_one_misses_a_figure(
 
     monkeypatch.setattr(benches.subprocess, "run", run)
     assert benches.main([]) == 1
-    room = ROOT / "benchmarks" / "accuracy"
-    program = [sys.executable, str(room / "recordings.py")]
-    groups = [sys.executable, str(room / "groups.py")]
+    program, groups = (
+        [sys.executable, "-m", "benchmarks", f"accuracy/{name}.py"]
+        for name in ("recordings", "groups")
+    )
     f405 = ["--board", "f405"]
     assert started == [program, [*program, *f405], groups, [*groups, *f405]]
 

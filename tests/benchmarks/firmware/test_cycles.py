@@ -100,7 +100,7 @@ def test_each_board_has_limits_of_its_own() -> None:
 def test_an_image_is_measured(image: Path, tmp_path: Path) -> None:
     output = tmp_path / "cycles.json"
     words = ["--seconds", "6", "--image", str(image), "--output", str(output)]
-    assert cycles.main(words) == 0
+    assert cycles.main(arguments=words) == 0
     assert '"cycles a sample, mean"' in output.read_text("utf-8")
 
 
