@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import partial
 
 from faults.world import KERNEL, MS, RECOVERED_NS, SLOW_HZ, Device, S, World
-from imud.probes.timeline import host_ns
 
 DAY = 86_400 * S
 
@@ -72,17 +71,9 @@ def stopped(world: World, _: Device) -> int:
 
 
 def utc_is_set(world: World, _: Device) -> int:
-    world.utc_off_ns += long(world, 2 * MS, 400 * DAY)
-    return 0
-
-
-def utc_is_set_back(world: World, _: Device) -> int:
-    world.utc_off_ns -= long(world, 2 * MS, 2 * S)
-    return 0
-
-
-def utc_is_set_far_back(world: World, _: Device) -> int:
-    world.utc_off_ns -= long(world, 3 * S, 400 * DAY)
+    """Ahead, a little back, or far back."""
+    ahead, back = long(world, 2 * MS, 400 * DAY), long(world, 2 * MS, 2 * S)
+    world.utc_off_ns += world.chance.choice((ahead, -back, -back - ahead))
     return 0
 
 
@@ -106,24 +97,6 @@ def old_bytes(world: World, device: Device) -> int:
 def restarted(_: World, device: Device) -> int:
     device.restart()
     return 0
-
-
-def noise(world: World, device: Device) -> int:
-    if device.link is not None:
-        device.link.on_data(
-            world.chance.randbytes(world.chance.randrange(1, 300)), host_ns()
-        )
-    return 0
-
-
-def lost(world: World, device: Device, copies: int = 0) -> int:
-    device.copies = copies
-    world.at(S, lambda: setattr(device, "copies", 1))
-    return S
-
-
-def doubled(world: World, device: Device) -> int:
-    return lost(world, device, copies=2)
 
 
 def full_disk(world: World, _: Device) -> int:
@@ -172,8 +145,7 @@ def clock_leaps(world: World, device: Device) -> int:
 
 KINDS: tuple[Callable[[World, Device], int], ...] = (
     *(sleep, naps, sleep_without_power, paused_machine, stopped),
-    *(utc_is_set, utc_is_set_back, utc_is_set_far_back),
-    *(late_bytes, unplugged, old_bytes, restarted, noise, lost, doubled, clock_leaps),
+    *(utc_is_set, late_bytes, unplugged, old_bytes, restarted, clock_leaps),
     *(full_disk, killed, ended, renamed, router_restarts, silent_console),
 )
 

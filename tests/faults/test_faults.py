@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from faults.faults import KINDS, draw
+from faults.faults import draw
 from faults.world import FAST_HZ, SLOW_HZ, Console, World
 from imud.log.retention import DAY_S, KeptLogs, Retention
 from imud.machine import system
@@ -121,7 +121,3 @@ def test_each_old_fault_is_found(
             wrong = went_wrong(seed, tmp_path / str(seed), monkeypatch, plant)
             found += any(sign in line for line in wrong)
     assert found >= OLD
-
-
-def test_there_are_many_kinds() -> None:
-    assert len(set(KINDS)) >= 16

@@ -104,7 +104,6 @@ class Device:
         self.late_ns = 0  # of its bytes
         self.keeps = 0  # bytes that its port keeps while nobody reads
         self.old: list[Said] = []
-        self.copies = 1  # of what it sends; 0: it is lost
         self.good_ns = 0  # when a pose came whose age was right
         self._spoke_ns = -1
         world.at(world.chance.randrange(S), self.pose)
@@ -166,8 +165,7 @@ class Device:
         late_ns += world.chance.randrange(self.late_ns + 1)
         arrives_ns = world.now_ns + len(said.data) * BYTE_NS + late_ns
         self._spoke_ns = max(self._spoke_ns, arrives_ns)  # in their order
-        for _ in range(self.copies):
-            world.at(self._spoke_ns - world.now_ns, lambda: self.arrive(said))
+        world.at(self._spoke_ns - world.now_ns, lambda: self.arrive(said))
 
     def arrive(self, said: Said) -> None:
         said.came_ns = self.world.now_ns
@@ -524,7 +522,7 @@ class World(selectors.DefaultSelector):
     def check(self) -> None:
         """All is well again, some time after a fault."""
         for device in self.devices:
-            if device.is_plugged and device.copies and self.now_ns - device.good_ns > S:
+            if device.is_plugged and self.now_ns - device.good_ns > S:
                 self.fail(f"{device.id}: no pose with its true age for 1 s")
             if device.is_plugged and self.now_ns - self.heard.get(device.id, 0) > S:
                 self.fail(f"{device.id}: nothing for who subscribed to its id")
