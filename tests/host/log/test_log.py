@@ -15,14 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
 
 from fakes import FakeProbe
 from imud import cli
 from imud.errors import FileError
 from imud.log.file import Settings
 from imud.log.reader import Logged, LogHead
-from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.record import Presence, Record
 from imud.sinks.log import LogSink
 from imud.wire import schema
@@ -90,25 +88,6 @@ def test_what_is_logged_is_read_back_with_who_wrote_it(tmp_path: Path) -> None:
     ]
     assert [r.data for r in logged(sink.path, "hello")] == [put[0].hello]
     assert len(logged(sink.path, "status")) == 1
-
-
-def test_other_peoples_tools_find_json_with_a_schema(tmp_path: Path) -> None:
-    sink, probe = LogSink(tmp_path), FakeProbe()
-    sink.open()
-    for record in records(probe, 3):
-        sink.write(record)
-    sink.close()
-    assert sink.path is not None
-    with sink.path.open("rb") as file:
-        found = list(
-            make_reader(file).iter_messages(topics=[f"imud/{probe.name}/pose"])
-        )
-        assert len(found) == 3
-        spec, channel, message = found[0]
-        assert spec is not None
-        assert (spec.encoding, channel.message_encoding) == ("jsonschema", "json")
-        assert json.loads(spec.data) == JSON_SCHEMAS["pose"]
-        assert json.loads(message.data) == {"n": 0}
 
 
 def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
