@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ class Chain:
         prefix: str = "imud",
         program: tuple[str, ...] = ("-m", "imud"),
         page: bool | None = False,
+        log: bool = True,
     ) -> None:
         self.probe = FakeProbe()
         self.port = Port(directory / "port")
@@ -32,6 +34,7 @@ class Chain:
             directory=directory,
             program=program,
             page=page,
+            log=log,
         )
         self.daemon.find(self.port, self.probe)
         self.client = Client(self.daemon.endpoint, prefix)
@@ -46,14 +49,20 @@ class Chain:
         self.client.statuses()
         return heard
 
-    def command(self, name: str, **arguments: str) -> dict[str, Any]:
-        """A command, while the probe answers it on its side."""
+    @contextlib.contextmanager
+    def serving(self) -> Iterator[None]:
+        """The probe answers one command meanwhile."""
         server = threading.Thread(target=self.port.serve, args=(self.probe, 1))
         server.start()
         try:
-            return self.client.command(self.probe.name, name, **arguments)
+            yield
         finally:
             server.join()
+
+    def command(self, name: str, **arguments: str) -> dict[str, Any]:
+        """A command, while the probe answers it on its side."""
+        with self.serving():
+            return self.client.command(self.probe.name, name, **arguments)
 
     def status_when(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """The first status from here on of which that is true."""

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import threading
 import time
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -19,6 +18,7 @@ from fakes import DaemonProcess, FakeProbe, Port, free_endpoint
 from imud.errors import DaemonNotFound
 from imud.net import keys, network
 from imud.net.network import Credentials
+from streaming import Streaming
 
 PROBE = "00112233445566aa"
 # Longer than anything allowed was seen to take on a busy machine.
@@ -55,17 +55,13 @@ class Guarded:
         self.daemon.expect("listens on tls")
         self.endpoint = self.daemon.endpoint
         self.port.wait_open()
-        self._stop = threading.Event()
-        self._stream = threading.Thread(target=self._run)
         self.port.write(self.probe.say("hello"))
         self.daemon.expect("found on")
-        self._stream.start()
+        self._stream = Streaming(self.port, self.probe, 0.03, self._said)
 
-    def _run(self) -> None:
-        while not self._stop.wait(0.03):
-            frames = self.probe.say("pose", position=(0.1, 0.2, 0.3))
-            frames += self.probe.say("raw")
-            self.port.write(frames + self.probe.say("event"))
+    def _said(self) -> bytes:
+        pose = self.probe.say("pose", position=(0.1, 0.2, 0.3))
+        return pose + self.probe.say("raw") + self.probe.say("event")
 
     def credentials(self, user: str) -> Credentials:
         path = self.keys / "clients" / f"{user}.toml"
@@ -93,8 +89,7 @@ class Guarded:
 
     def hush(self) -> None:
         """While there is a reader: a full pty would hold the thread for ever."""
-        self._stop.set()
-        self._stream.join()
+        self._stream.stop()
 
     def close(self) -> None:
         self.hush()

@@ -45,10 +45,17 @@ class Process:
 
 
 class Streaming:
-    """A probe that says poses until it is told not to."""
+    """A probe that says poses, or what `say` returns, until it is told not to."""
 
-    def __init__(self, port: Port, probe: FakeProbe, period_s: float = 0.005) -> None:
-        self._port, self._probe, self._period_s = port, probe, period_s
+    def __init__(
+        self,
+        port: Port,
+        probe: FakeProbe,
+        period_s: float = 0.005,
+        say: Callable[[], bytes] | None = None,
+    ) -> None:
+        self._port, self._period_s = port, period_s
+        self._say = say or (lambda: probe.say("pose"))
         self.sent_s: list[float] = []  # when each was written
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -57,7 +64,7 @@ class Streaming:
     def _run(self) -> None:
         while not self._stop.wait(self._period_s):
             self.sent_s.append(time.monotonic())
-            self._port.write(self._probe.say("pose"))
+            self._port.write(self._say())
 
     @property
     def sent(self) -> int:

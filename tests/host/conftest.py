@@ -9,6 +9,23 @@ from pathlib import Path
 import pytest
 
 from chain import Chain
+from fakes import Port
+from streaming import Process
+
+
+@pytest.fixture(autouse=True)
+def _leave_none() -> Iterator[None]:
+    """Also where a test fails: of the processes that it made."""
+    yield
+    for process in [*Process.made]:
+        process.kill()
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[Port]:
+    made = Port(tmp_path / "probe")
+    yield made
+    made.vanish()
 
 
 @pytest.fixture

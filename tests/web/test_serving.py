@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import socket
 import subprocess
-import threading
 from pathlib import Path
 
 import pytest
@@ -60,11 +59,9 @@ def test_view_serves_a_daemon_elsewhere_and_passes_commands_on(tmp_path: Path) -
             assert browser.next("status")["probe"] == chain.probe.name
             chain.port.write(chain.probe.poses(3))
             assert browser.next("pose")["number"] >= 1
-            server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
-            server.start()
-            browser.say(do="ask", id=1, probe=chain.probe.name, command="start")
-            assert browser.next("answer")["answer"]["ok"]
-            server.join()
+            with chain.serving():
+                browser.say(do="ask", id=1, probe=chain.probe.name, command="start")
+                assert browser.next("answer")["answer"]["ok"]
             browser.say(do="ask", id=2, probe=chain.probe.name, command="fly")
             assert "there is no command" in browser.next("answer")["error"]
     finally:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
@@ -14,21 +13,14 @@ import pytest
 from chain import Chain
 from fakes import PATIENCE_S, free_endpoint
 from imud import cli
+from streaming import Streaming
 
 
 def test_listen_prints_what_is_published_and_sums_up(
     chain: Chain, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stop = threading.Event()
-
-    def stream() -> None:
-        while not stop.wait(0.005):
-            chain.port.write(chain.probe.say("pose"))
-
-    streamer = threading.Thread(target=stream)
-    streamer.start()
     connect = ["--connect", chain.daemon.endpoint]
-    try:
+    with Streaming(chain.port, chain.probe):
         angles = ["--json", "--angles", "nectec"]
         assert cli.main(["listen", "--seconds", "0.6", *angles, *connect]) == 0
         printed = capsys.readouterr()
@@ -36,9 +28,6 @@ def test_listen_prints_what_is_published_and_sums_up(
         shown = capsys.readouterr()
         assert cli.main(["list", *connect]) == 0
         listed = capsys.readouterr()
-    finally:
-        stop.set()
-        streamer.join()
     poses = [json.loads(line) for line in printed.out.splitlines()]
     first, count = poses[0]["seq"], len(poses)
     assert [pose["seq"] for pose in poses] == list(range(first, first + count))
@@ -68,10 +57,8 @@ def test_list_as_json_is_the_status(
 def test_tare_from_the_command_line(
     chain: Chain, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
-    server.start()
-    assert cli.main(["tare", "--undo", "--connect", chain.daemon.endpoint]) == 0
-    server.join()
+    with chain.serving():
+        assert cli.main(["tare", "--undo", "--connect", chain.daemon.endpoint]) == 0
     assert capsys.readouterr().out == f"{chain.probe.name}: tare done\n"
     assert chain.probe.commands[-1]["arguments"] == (2, 0)
 
@@ -80,17 +67,13 @@ def test_restart_from_the_command_line(
     chain: Chain, capsys: pytest.CaptureFixture[str]
 ) -> None:
     connect = ["--connect", chain.daemon.endpoint]
-    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
-    server.start()
-    assert cli.main(["restart", "--filter", "mahony", *connect]) == 0
-    server.join()
+    with chain.serving():
+        assert cli.main(["restart", "--filter", "mahony", *connect]) == 0
     assert capsys.readouterr().out == f"{chain.probe.name}: restart done\n"
     assert chain.probe.commands[-1]["arguments"] == (3, 0)
     chain.probe.results["restart"] = "bad_argument"
-    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
-    server.start()
-    assert cli.main(["restart", "--filter", "dcm_pi", *connect]) == 1
-    server.join()
+    with chain.serving():
+        assert cli.main(["restart", "--filter", "dcm_pi", *connect]) == 1
     assert capsys.readouterr().err == (
         f"imud: probe {chain.probe.name} has no filter dcm_pi: its firmware does not "
         "include it and runs fuse\n"

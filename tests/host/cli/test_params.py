@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import json
 import signal
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,24 +21,16 @@ from imud.errors import CommandRefused, ProbeUnknown
 from imud.params import file
 from imud.params.value import Params, ParamsRecord
 from params_bench import GOOD
+from streaming import Streaming
 
 
 @contextlib.contextmanager
 def answering(chain: Chain) -> Iterator[None]:
     """The probe answers whatever comes."""
-    stop = threading.Event()
-
-    def serve() -> None:
-        while not stop.wait(0.002):
-            chain.port.write(chain.port.answers(chain.probe))
-
-    server = threading.Thread(target=serve)
-    server.start()
-    try:
+    with Streaming(
+        chain.port, chain.probe, 0.002, lambda: chain.port.answers(chain.probe)
+    ):
         yield
-    finally:
-        stop.set()
-        server.join()
 
 
 class Desk:

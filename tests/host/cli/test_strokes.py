@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import json
 import subprocess
-import threading
 from collections import deque
 from collections.abc import Callable
 from typing import IO, Any, cast
@@ -25,6 +24,7 @@ from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.double_click import PathCloser
 from imud.probes.path import StrokePath
+from streaming import Streaming
 
 STROKE = {
     "probe": "stylus",
@@ -51,21 +51,16 @@ def test_a_stroke_without_length_says_why() -> None:
 @pytest.mark.parametrize("words", [[], ["--json"]])
 def test_strokes_are_printed_as_they_end(chain: Chain, words: list[str]) -> None:
     words = [*words, "--connect", chain.daemon.endpoint]
-    ended = threading.Event()
+    say = chain.probe.say
 
-    def speak() -> None:
+    def said() -> bytes:
         """Again and again: nobody knows when the subscription has arrived."""
-        while not ended.wait(0.05):
-            chain.port.write(chain.probe.say("stroke", end="running"))
-            chain.port.write(chain.probe.say("stroke", stroke=7))
+        return say("stroke", end="running") + say("stroke", stroke=7)
 
-    speaker = threading.Thread(target=speak)
     with Forked("-m", "imud", "strokes", *words, stdout=subprocess.PIPE) as program:
-        speaker.start()
-        out = cast(IO[str], program.stdout)
-        lines = [out.readline() for _ in range(2)]
-        ended.set()
-        speaker.join()
+        with Streaming(chain.port, chain.probe, 0.05, said):
+            out = cast(IO[str], program.stdout)
+            lines = [out.readline() for _ in range(2)]
         program.terminate()
     if "--json" in words:
         assert [json.loads(line)["stroke"] for line in lines] == [7, 7]

@@ -4,19 +4,18 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from fakes import POSE, DaemonProcess, FakeProbe, Port
+from chain import Chain
+from fakes import POSE, DaemonProcess
 from imud.client import (
     Delivery,
     Event,
@@ -29,6 +28,7 @@ from imud.client import (
     subscribe,
 )
 from imud.errors import ConfigError, DaemonNotFound
+from streaming import Streaming
 
 
 class Line:
@@ -292,58 +292,16 @@ def test_importing_imud_does_not_load_the_network() -> None:
 # With a daemon.
 
 
-class Chain:
-    """A fake probe that a daemon has found."""
-
-    def __init__(self, directory: Path) -> None:
-        self.probe = FakeProbe()
-        self.port = Port(directory / "port")
-        self.daemon = DaemonProcess(self.port.path, directory=directory, log=False)
-        self.find()
-
-    def find(self) -> None:
-        self.daemon.expect("listens on")
-        self.port.wait_open()
-        with self.speaking("hello", every_s=0.5):
-            self.daemon.expect("found on")
-
-    def start(self, subscription: Subscription[Any]) -> Any:
-        """Says poses until one comes: from there on all do."""
-        with self.speaking("pose"):
-            return next(subscription)
-
-    @contextlib.contextmanager
-    def speaking(self, name: str, every_s: float = 0.05) -> Iterator[None]:
-        ended = threading.Event()
-
-        def speak() -> None:
-            while not ended.wait(every_s):
-                self.port.write(self.probe.say(name))
-
-        speaker = threading.Thread(target=speak)
-        speaker.start()
-        try:
-            yield
-        finally:
-            ended.set()
-            speaker.join()
-
-    def close(self) -> None:
-        self.daemon.__exit__(None, None, None)
-        self.port.vanish()
-
-
-@pytest.fixture
-def chain(tmp_path: Path) -> Iterator[Chain]:
-    made = Chain(tmp_path)
-    yield made
-    made.close()
+def start(chain: Chain, subscription: Subscription[Any]) -> Any:
+    """Says poses until one comes: from there on all do."""
+    with Streaming(chain.port, chain.probe, 0.05):
+        return next(subscription)
 
 
 def test_all_kinds_come_typed(chain: Chain) -> None:
     topics: tuple[Topic, ...] = ("pose", "raw", "event", "status")
     with subscribe(topics=topics, endpoint=chain.daemon.endpoint) as subscription:
-        chain.start(subscription)
+        start(chain, subscription)
         chain.port.write(b"".join(map(chain.probe.say, ("pose", "raw", "event"))))
         found: dict[type, Any] = {}
         while len(found) < 4:
@@ -363,7 +321,7 @@ def test_who_comes_late_gets_the_history_first_and_misses_nothing(
     chain: Chain,
 ) -> None:
     with subscribe(endpoint=chain.daemon.endpoint) as early:
-        chain.start(early)
+        start(chain, early)
         chain.port.write(chain.probe.poses(50))
         last = chain.probe.sequence - 1
         while (pose := next(early)).seq < last:
@@ -371,7 +329,7 @@ def test_who_comes_late_gets_the_history_first_and_misses_nothing(
         with subscribe(endpoint=chain.daemon.endpoint, history=20) as late:
             before = [next(late).number for _ in range(20)]
             assert before == list(range(pose.number - 19, pose.number + 1))
-            assert chain.start(late).number == pose.number + 1
+            assert start(chain, late).number == pose.number + 1
             assert late.missed == Missed()
 
 
@@ -380,7 +338,7 @@ def test_a_status_says_the_number_of_the_last_pose(chain: Chain) -> None:
     last, said = 0, None
     with (
         subscribe(topics=topics, endpoint=chain.daemon.endpoint) as subscription,
-        chain.speaking("pose"),
+        Streaming(chain.port, chain.probe, 0.05),
     ):
         for message in subscription:
             if isinstance(message, Pose):
@@ -398,18 +356,23 @@ def test_a_daemon_that_is_killed_and_started_again_is_heard_again(
     chain: Chain, tmp_path: Path
 ) -> None:
     with subscribe(endpoint=chain.daemon.endpoint) as subscription:
-        chain.start(subscription)
-        first = chain.daemon
-        first.process.kill()
-        first.process.wait()
+        start(chain, subscription)
+        chain.daemon.process.kill()
+        chain.daemon.process.wait()
         again = DaemonProcess(
-            chain.port.path, directory=tmp_path, log=False, endpoint=first.endpoint
+            chain.port.path,
+            directory=tmp_path,
+            log=False,
+            endpoint=chain.daemon.endpoint,
         )
-        with first:
+        hello = Streaming(
+            chain.port, chain.probe, 0.5, lambda: chain.probe.say("hello")
+        )
+        with chain.daemon, hello:
             chain.daemon = again
-            chain.find()
+            again.expect("found on")
         before = subscription.missed
         while subscription.missed.daemon_restarts == 0:
-            chain.start(subscription)
+            start(chain, subscription)
         assert before.daemon_restarts == 0
         assert subscription.missed.daemon_restarts == 1

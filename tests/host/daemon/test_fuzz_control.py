@@ -10,7 +10,6 @@ import json
 import queue
 import random
 import string
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,19 +18,17 @@ import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from chain import Chain
 from configured import bare_session
 from fakes import (
     PATIENCE_S,
     SOON_S,
-    DaemonProcess,
-    FakeProbe,
-    Port,
     assert_honest,
 )
-from imud.client import Client
 from imud.daemon.commands import arguments_of
 from imud.errors import CommandRefused
 from imud.wire import messages, schema
+from streaming import Streaming
 
 SEED = 20_260_102
 
@@ -71,35 +68,26 @@ def test_no_parameters_are_a_fault(command: str, parameters: dict[str, str]) -> 
         messages.encode("command", fields, 1, 1)
 
 
-class Room:
+class Room(Chain):
     """A daemon with a probe that streams and answers, and a session of an intruder."""
 
     def __init__(self, folder: Path) -> None:
-        self.probe = FakeProbe()
-        self.port = Port(folder / "port")
-        self.daemon = DaemonProcess(self.port.path, directory=folder)
-        self.daemon.find(self.port, self.probe)
-        self.client = Client(self.daemon.endpoint)
-        self.client.wait_for(seconds=PATIENCE_S)
+        super().__init__(folder)
         self.heard: queue.Queue[int] = queue.Queue()
         self.client.subscribe(
             "pose", None, lambda _, data: self.heard.put(json.loads(data)["seq"])
         )
         self.sent: list[int] = []
-        self._ended = threading.Event()
-        self._streamer = threading.Thread(target=self._stream, daemon=True)
-        self._streamer.start()
+        self._stream = Streaming(self.port, self.probe, say=self._said)
         self.heard.get()  # the daemon knows of the subscriber
         self._bare = bare_session(self.daemon)
         self.session = self._bare.__enter__()
 
-    def _stream(self) -> None:
-        while not self._ended.is_set():
-            self.port.write(self.port.answers(self.probe))
-            is_due = self.probe.sequence % 200 == 0
-            self.sent.append(self.probe.sequence)
-            self.port.write(self.probe.say("hello" if is_due else "pose"))
-            self._ended.wait(0.005)
+    def _said(self) -> bytes:
+        answers = self.port.answers(self.probe)
+        self.sent.append(self.probe.sequence)
+        is_due = self.probe.sequence % 200 == 0
+        return answers + self.probe.say("hello" if is_due else "pose")
 
     def ask(self, selector: str, payload: bytes) -> list[zenoh.Reply] | None:
         """All answers; None for what is no selector: the library refuses that."""
@@ -110,15 +98,12 @@ class Room:
         return list(asked)
 
     def stop_stream(self) -> None:
-        self._ended.set()
-        self._streamer.join()
+        self._stream.stop()
 
     def close(self) -> None:
         self.stop_stream()
         self._bare.__exit__(None, None, None)
-        self.client.close()
-        self.daemon.__exit__(None, None, None)
-        self.port.vanish()
+        super().close()
 
 
 @pytest.fixture(scope="module")

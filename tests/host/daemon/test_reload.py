@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
+import itertools
 import queue
 import re
 import signal
 import socket
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +20,7 @@ from fakes import DaemonProcess, free_address
 from imud.client import Client
 from imud.log.reader import Logged
 from log_files import read_log
+from streaming import Streaming
 
 
 def reload(daemon: DaemonProcess, folder: Path, old: str, new: str) -> None:
@@ -173,7 +174,6 @@ def frames_of(path: Path) -> list[bytes]:
 def test_thirty_reloads_under_a_stream_lose_nothing_and_leak_no_descriptor(
     tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
-    ended = threading.Event()
     changes = (  # restarts the log's sink, the network's, both
         ("rotate_mb = 1", "rotate_mb = 2", "reloaded: log"),
         ("history = 1", "history = 2", "reloaded: zenoh"),
@@ -181,14 +181,8 @@ def test_thirty_reloads_under_a_stream_lose_nothing_and_leak_no_descriptor(
     )
     text = "[log]\nrotate_mb = 1\n[zenoh]\nhistory = 1\n"
     with running(tmp_path, text) as (daemon, probe, port):
-
-        def stream() -> None:
-            while not ended.wait(0.005):
-                is_due = probe.sequence % 200 == 0
-                port.write(probe.say("hello") if is_due else probe.say("pose"))
-
-        streamer = threading.Thread(target=stream, daemon=True)
-        streamer.start()
+        names = itertools.cycle(("hello", *["pose"] * 199))
+        stream = Streaming(port, probe, say=lambda: probe.say(next(names)))
         folder = Path(f"/proc/{daemon.process.pid}/fd")
         with Client(daemon.endpoint) as client:  # Zenoh opens some for the first
             client.wait_for()
@@ -205,8 +199,7 @@ def test_thirty_reloads_under_a_stream_lose_nothing_and_leak_no_descriptor(
                 while probe.sequence < sent + MEANWHILE:
                     time.sleep(0.005)
         finally:
-            ended.set()
-            streamer.join()
+            stream.stop()
         with Client(daemon.endpoint) as client:
             sent = probe.sequence
             ledger = ledger_when(client, lambda each: each["received"] == sent)

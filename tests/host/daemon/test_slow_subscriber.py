@@ -9,10 +9,8 @@ import os
 import signal
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-
-import pytest
 
 from fakes import DaemonProcess, FakeProbe, Port
 from imud.client import Client, Delivery
@@ -37,21 +35,6 @@ for _ in sys.stdin:
 # Longer than the lease of a Zenoh session, 10 s, after which who is silent is left.
 STOPPED_S = float(os.environ.get("IMUD_STOPPED_SECONDS", "12"))
 LEASE_S = 10.0
-
-
-@pytest.fixture(autouse=True)
-def _leave_none() -> Iterator[None]:
-    """Also where a test fails."""
-    yield
-    for process in [*Process.made]:
-        process.kill()
-
-
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[Port]:
-    made = Port(tmp_path / "probe")
-    yield made
-    made.vanish()
 
 
 def comes(is_so: Callable[[], bool]) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,8 +17,8 @@ from typing import Any
 
 import pytest
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, Stopwatch
-from imud.client import Client
+from chain import Chain
+from fakes import DaemonProcess, FakeProbe, Port, Stopwatch
 from imud.daemon.commands import REPLY_TIMEOUT_S
 from imud.probes.ledger import totals
 
@@ -34,45 +33,27 @@ STREAM_S = 0.01
 Record = Callable[[str, object], None]
 
 
-class Bench:
+class Bench(Chain):
     """A probe, its port, a daemon, and the poses that a subscriber hears."""
 
     def __init__(self, directory: Path, settings: str = "") -> None:
-        self.probe = FakeProbe()
-        self.port = Port(directory / "port")
         file = directory / "imud.toml"
         file.write_text(settings)
-        self.daemon = DaemonProcess(
-            self.port.path, "--config", file, directory=directory, log=False
-        )
-        self.daemon.find(self.port, self.probe)
-        self.client = Client(self.daemon.endpoint)
-        self.client.wait_for(seconds=PATIENCE_S)
-        self.poses = self.hear("pose")
-        self.statuses = self.hear("status")
-        while self.poses.empty():  # until the daemon knows of the subscriber
-            self.port.write(self.probe.say("pose"))
-            time.sleep(0.05)
-        self.pose(self.probe.sequence - 1)
+        super().__init__(directory, "--config", file, log=False)
+        self.poses, self.statuses = self.hear("pose"), self.hear("status")
 
-    def hear(self, topic: str) -> queue.Queue[dict[str, Any]]:
-        heard: queue.Queue[dict[str, Any]] = queue.Queue()
-        self.client.subscribe(topic, None, lambda _, data: heard.put(json.loads(data)))
-        return heard
-
-    def pose(self, sequence: int) -> dict[str, Any]:
-        while True:
-            pose = self.poses.get()
-            if pose["seq"] == sequence:
-                return pose
+    def pose(self, sequence: int) -> None:
+        """Waits for it."""
+        while json.loads(self.poses.get())["seq"] != sequence:
+            pass
 
     def ledger(self, received: int) -> dict[str, Any]:
         """The ledger of the first status with that many messages of all boots."""
         while True:
-            ledger = self.statuses.get()["ledger"]
+            ledger: dict[str, Any] = json.loads(self.statuses.get())["ledger"]
             if totals(ledger).received >= received:
                 assert totals(ledger).received == received
-                return dict(ledger)
+                return ledger
 
     def replug(self, *, after_s: float = 0.0) -> None:
         self.port.vanish()
@@ -86,11 +67,6 @@ class Bench:
         self.port.write(sent)
         self.pose(self.probe.sequence - 1)
         return watch.look()
-
-    def close(self) -> None:
-        self.client.close()
-        self.daemon.__exit__(None, None, None)
-        self.port.vanish()
 
 
 @contextlib.contextmanager

@@ -12,7 +12,6 @@ import os
 import queue
 import re
 import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,6 +22,7 @@ import pytest
 from fakes import DaemonProcess, FakeProbe, Port, Stopwatch
 from imud.client import Client
 from log_files import frames
+from streaming import Streaming
 
 # A plain user becomes root of a namespace of users, which a chroot forbids to root.
 IS_ROOT = os.geteuid() == 0
@@ -72,15 +72,12 @@ class Scene:
         self.daemon = daemon
         self.port = port
         self.probe = FakeProbe()
-        self.poses = 0
         self.heard = 0
         self.notices: queue.Queue[dict[str, Any]] = queue.Queue()
         # The folder as the daemon sees it; held, it is there after the daemon's end.
         root = Path(f"/proc/{daemon.process.pid}/root")
         self.logs = root / (directory / "logs").relative_to("/")
         self.files = self.logs
-        self._is_over = threading.Event()
-        self._streamer = threading.Thread(target=self._stream)
 
     @contextlib.contextmanager
     def streaming(self) -> Iterator[Client]:
@@ -94,18 +91,12 @@ class Scene:
             client.statuses()  # then the router knows both
             self.port.write(self.probe.say("hello"))
             self.daemon.expect("found")
-            self._streamer.start()
-            try:
+            with Streaming(self.port, self.probe, say=self._said) as self.stream:
                 yield client
-            finally:
-                self._is_over.set()
-                self._streamer.join()
-                os.close(held)
+            os.close(held)
 
-    def _stream(self) -> None:
-        while not self._is_over.wait(0.005):
-            self.port.write(self.port.answers(self.probe) + self.probe.say("pose"))
-            self.poses += 1
+    def _said(self) -> bytes:
+        return self.port.answers(self.probe) + self.probe.say("pose")
 
     def _take(self, payload: bytes) -> None:
         self.notices.put(json.loads(payload))
@@ -128,12 +119,11 @@ class Scene:
 
     def end(self, client: Client) -> dict[str, Any]:
         """The status, when all that was sent is in its sinks."""
-        self._is_over.set()
-        self._streamer.join()
+        self.stream.stop()
         while True:
             for status in client.statuses():
                 ledger = status["ledger"]
-                if ledger["published"].get("pose", 0) == self.poses and not any(
+                if ledger["published"].get("pose", 0) == self.stream.sent and not any(
                     sink["waiting"] for sink in ledger["sinks"].values()
                 ):
                     return status
@@ -168,7 +158,7 @@ def check(made: Scene, client: Client, record: Record) -> None:
     assert ledger["adds_up"], ledger
     assert (ledger["lost"], ledger["corrupt"]) == (0, 0)
     assert ledger["dropped"]["zenoh"] == 0
-    assert made.heard == ledger["published"]["pose"] == made.poses
+    assert made.heard == ledger["published"]["pose"] == made.stream.sent
     dropped: int = ledger["dropped"]["log"]
     assert dropped > 0
     record("lost in the log", dropped)

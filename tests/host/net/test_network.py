@@ -9,7 +9,7 @@ import contextlib
 import json
 import queue
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -44,21 +44,6 @@ print("up", flush=True)
 sys.stdin.read()
 """
 WHILE_S = 1.0
-
-
-@pytest.fixture(autouse=True)
-def _leave_none() -> Iterator[None]:
-    """Also where a test fails."""
-    yield
-    for process in [*Process.made]:
-        process.kill()
-
-
-@pytest.fixture
-def port(tmp_path: Path) -> Iterator[Port]:
-    made = Port(tmp_path / "probe")
-    yield made
-    made.vanish()
 
 
 def settings(directory: Path, mode: str, endpoint: str) -> Path:

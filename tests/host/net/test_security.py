@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import re
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,6 +26,7 @@ from imud.net import network
 from imud.roles import Role
 from imud.ros2 import topics
 from imud.ros2.topics import Topic
+from streaming import Streaming
 
 
 @pytest.fixture(scope="module")
@@ -80,23 +80,15 @@ def test_a_recorder_hears_what_there_is(guarded: Guarded) -> None:
 
 
 def test_an_operator_commands(guarded: Guarded) -> None:
-    answered = threading.Event()
     before = len(guarded.probe.commands)
-
-    def serve() -> None:
-        while not answered.wait(0.005):
-            guarded.port.write(guarded.port.answers(guarded.probe))
-
-    server = threading.Thread(target=serve, daemon=True)
-    server.start()
     path = keys_of(guarded, "operator")
-    with Client(guarded.endpoint, keys=path) as operator:
-        reply = operator.command(PROBE, "tare")
-    assert reply["ok"]
-    where = ["--connect", guarded.endpoint, "--keys", str(path)]
-    assert cli.main(["restart", PROBE, *where]) == 0
-    answered.set()
-    server.join()
+    port, probe = guarded.port, guarded.probe
+    with Streaming(port, probe, say=lambda: port.answers(probe)):
+        with Client(guarded.endpoint, keys=path) as operator:
+            reply = operator.command(PROBE, "tare")
+        assert reply["ok"]
+        where = ["--connect", guarded.endpoint, "--keys", str(path)]
+        assert cli.main(["restart", PROBE, *where]) == 0
     commands = [c["command"] for c in guarded.probe.commands[before:]]
     assert commands == ["tare", "restart"]
 
