@@ -49,10 +49,8 @@ def test_programs_run_in_their_order_though_one_misses_a_figure(
 
     monkeypatch.setattr(benches.subprocess, "run", run)
     assert benches.main([]) == 1
-    program, groups = (
-        [sys.executable, "-m", "benchmarks", f"accuracy/{name}.py"]
-        for name in ("recordings", "groups")
-    )
+    own = [sys.executable, "-m", "benchmarks"]
+    program, groups = [*own, "accuracy/recordings.py"], [*own, "accuracy/groups.py"]
     f405 = ["--board", "f405"]
     assert started == [program, [*program, *f405], groups, [*groups, *f405]]
 

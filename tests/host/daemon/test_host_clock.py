@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import socket
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +18,7 @@ from imud.daemon.lane import Item
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import Registry
+from imud.daemon.status import _clock
 from imud.journal.output import Journal
 from imud.machine.utc import MAXERROR_US, STA_UNSYNC, TIME_ERROR, Sync
 from imud.machine.utc import sync_of_host as asked
@@ -50,27 +52,61 @@ def test_the_kernel_is_asked() -> None:
     assert (sync.bound_us is not None) == sync.is_synchronised
 
 
-def test_a_pause_is_told_and_its_silence_is_nobodys(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """A host's clocks in ns, a probe, and what is told of them."""
+    its = SimpleNamespace(now=100 * SECOND, slept=7 * SECOND, utc=0, told=list[Item]())
+    hub, registry = Hub(), Registry(Config())
+    monkeypatch.setattr(hub, "put", its.told.append)
+    monkeypatch.setattr(host_clock, "host_ns", lambda: its.now)
+    monkeypatch.setattr(host_clock, "slept_ns", lambda: its.slept)
+    monkeypatch.setattr(time, "time_ns", lambda: its.now + its.utc)
+    its.entry = registry.add("ab")
+    lines = ProbeLines(Journal(10.0, 3))
+    its.clock = HostClock(registry, RecordPublisher(hub), lines)
+    return its
+
+
+def told_of(machine: SimpleNamespace) -> list[tuple[str, int, int]]:
+    """Of each record the reason, seconds, and the number of the timeline."""
+    records = [each for each in machine.told if isinstance(each, Record)]
+    values = [json.loads(each.payload) for each in records]
+    return [(v["reason"], v["step_ns"] // SECOND, v["timeline"]) for v in values]
+
+
+def test_a_step_of_utc_is_told(
+    machine: SimpleNamespace, caplog: pytest.LogCaptureFixture
 ) -> None:
-    now, slept, hub, told = [100 * SECOND], [7 * SECOND], Hub(), list[Item]()
-    monkeypatch.setattr(hub, "put", told.append)
+    for step_s in (3600, -1, -86_400):
+        machine.now += SECOND
+        machine.utc += step_s * SECOND
+        machine.clock.follow()
+    assert caplog.messages == [
+        "this machine's clock was set by +3600.000 s",
+        "this machine's clock was set by -1.000 s; time stamps follow gradually",
+        "this machine's clock was set by -86400.000 s; time stamps jump back with it, "
+        "and a new log starts",
+    ]
+    assert told_of(machine) == [("set", 3600, 1), ("set", -1, 1), ("set", -86_400, 2)]
+    told = _clock(machine.entry, machine.clock.timeline, machine.now)
+    steps = {name: told[f"host_{name}"] for name in ("steps", "timeline", "ahead_ns")}
+    assert steps == {"steps": 3, "timeline": 2, "ahead_ns": 0}
+
+
+def test_a_pause_is_told_and_its_silence_is_nobodys(
+    machine: SimpleNamespace, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level("INFO", "imud")
-    monkeypatch.setattr(host_clock, "host_ns", lambda: now[0])
-    monkeypatch.setattr(host_clock, "slept_ns", lambda: slept[0])
-    monkeypatch.setattr(time, "time_ns", lambda: now[0])
-    registry = Registry(Config())
-    registry.add("ab")
-    clock = HostClock(registry, RecordPublisher(hub), ProbeLines(Journal(10.0, 3)))
-    now[0] += 60 * SECOND  # it was not asked to look yet
+    clock = machine.clock
+    machine.now += 60 * SECOND  # it was not asked to look yet
     clock.follow()
-    session = Session(Probe, now[0], timeline=clock.timeline)
+    session = Session(Probe, machine.now, timeline=clock.timeline)
     for pause_s, slept_s in ((1, 0), (40, 40), (28_800, 28_800), (30, 0), (50, 20)):
-        now[0] += pause_s * SECOND
-        slept[0] += slept_s * SECOND
+        machine.now += pause_s * SECOND
+        machine.slept += slept_s * SECOND
         clock.follow()
-        assert not session.check(now[0] + 2 * SECOND)
-    assert session.check(now[0] + 4 * SECOND) == [Silent(4.0)]
+        assert not session.check(machine.now + 2 * SECOND)
+    assert session.check(machine.now + 4 * SECOND) == [Silent(4.0)]
     assert caplog.messages == [
         "this machine slept for 40 s",
         "this machine slept for 28800 s",
@@ -78,10 +114,9 @@ def test_a_pause_is_told_and_its_silence_is_nobodys(
         "this machine slept for 20 s",
         "imud itself stood still for 30 s",
     ]
-    values = [json.loads(each.payload) for each in told if isinstance(each, Record)]
-    assert [(each["reason"], each["step_ns"] // SECOND) for each in values] == [
-        *(("slept", 40), ("slept", 28_800), ("stood_still", 30)),
-        *(("slept", 20), ("stood_still", 30)),
+    assert told_of(machine) == [
+        *(("slept", 40, 1), ("slept", 28_800, 1), ("stood_still", 30, 1)),
+        *(("slept", 20, 1), ("stood_still", 30, 1)),
     ]
 
 

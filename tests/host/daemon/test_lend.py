@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import serial
 
@@ -23,61 +21,45 @@ def is_free(chain: Chain) -> bool:
     return True
 
 
-def test_a_port_is_lent_and_comes_back_when_it_is_returned(tmp_path: Path) -> None:
-    chain = Chain(tmp_path)
-    try:
-        name = chain.probe.name
-        assert not is_free(chain)
-        reply = chain.client.command(name, "lend", seconds="60")
-        assert reply["value"] == str(chain.port.path)
-        assert is_free(chain)
-        # Nothing else breaks, and the probe is known by its name.
-        until(lambda: chain.client.statuses(name)[0]["state"] == "gone")
-        assert chain.client.command(name, "lend", seconds="0")["ok"]
-        until(lambda: not is_free(chain))
+def test_a_port_is_lent_and_comes_back_when_it_is_returned(chain: Chain) -> None:
+    name = chain.probe.name
+    assert not is_free(chain)
+    reply = chain.client.command(name, "lend", seconds="60")
+    assert reply["value"] == str(chain.port.path)
+    assert is_free(chain)
+    # Nothing else breaks, and the probe is known by its name.
+    until(lambda: chain.client.statuses(name)[0]["state"] == "gone")
+    assert chain.client.command(name, "lend", seconds="0")["ok"]
+    until(lambda: not is_free(chain))
 
-        def is_back() -> bool:
-            # Again and again, as a probe does: the daemon may just open the port.
-            chain.port.write(b"\0" + chain.probe.say("hello"))
-            return bool(chain.client.statuses(name)[0]["state"] != "gone")
+    def is_back() -> bool:
+        # Again and again, as a probe does: the daemon may just open the port.
+        chain.port.write(b"\0" + chain.probe.say("hello"))
+        return bool(chain.client.statuses(name)[0]["state"] != "gone")
 
-        until(is_back)
-    finally:
-        chain.close()
+    until(is_back)
 
 
-def test_a_port_that_nobody_returns_comes_back_by_itself(tmp_path: Path) -> None:
-    chain = Chain(tmp_path)
-    try:
-        chain.client.command(chain.probe.name, "lend", seconds="1")
-        until(lambda: is_free(chain))
-        until(lambda: not is_free(chain))
-    finally:
-        chain.close()
+def test_a_port_that_nobody_returns_comes_back_by_itself(chain: Chain) -> None:
+    chain.client.command(chain.probe.name, "lend", seconds="1")
+    until(lambda: is_free(chain))
+    until(lambda: not is_free(chain))
 
 
 def test_the_port_of_old_firmware_is_lent_and_nothing_else_is_sent(
-    tmp_path: Path,
+    chain: Chain,
 ) -> None:
-    chain = Chain(tmp_path)
-    try:
-        name = chain.probe.name
-        chain.port.write(chain.probe.say("hello", schema_fingerprint=1))
-        until(lambda: chain.client.statuses(name)[0]["state"] == "other schema")
-        with pytest.raises(ImudError, match="update it with imud flash"):
-            chain.client.command(name, "start")
-        assert chain.client.command(name, "lend", seconds="60")["ok"]
-        until(lambda: is_free(chain))
-    finally:
-        chain.close()
+    name = chain.probe.name
+    chain.port.write(chain.probe.say("hello", schema_fingerprint=1))
+    until(lambda: chain.client.statuses(name)[0]["state"] == "other schema")
+    with pytest.raises(ImudError, match="update it with imud flash"):
+        chain.client.command(name, "start")
+    assert chain.client.command(name, "lend", seconds="60")["ok"]
+    until(lambda: is_free(chain))
 
 
 @pytest.mark.parametrize("seconds", ["", "-1", "2.5", str(LENT_MAX_S + 1), "\uff19"])
-def test_only_a_number_of_seconds_is_taken(tmp_path: Path, seconds: str) -> None:
-    chain = Chain(tmp_path)
-    try:
-        with pytest.raises(CommandRefused, match="lend needs seconds=0 to 300"):
-            chain.client.command(chain.probe.name, "lend", seconds=seconds)
-        assert not is_free(chain)
-    finally:
-        chain.close()
+def test_only_a_number_of_seconds_is_taken(bench: Chain, seconds: str) -> None:
+    with pytest.raises(CommandRefused, match="lend needs seconds=0 to 300"):
+        bench.client.command(bench.probe.name, "lend", seconds=seconds)
+    assert not is_free(bench)

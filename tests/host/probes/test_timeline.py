@@ -4,24 +4,14 @@
 from __future__ import annotations
 
 import itertools
-import json
-import queue
-import re
-import select
-import signal
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fakes import DaemonProcess, FakeProbe, Port
+from fakes import FakeProbe
 from imud._core import Rising
-from imud.client import Client
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
 from imud.probes.timeline import BACK_MAX_NS, READING_NS, Timeline
@@ -192,105 +182,3 @@ def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) ->
         # A tenth of the time is made up: ten times the step.
         until_ns = min(STEPPED_NS - 10 * setting.step_ns, 60 * SECOND)
         assert max(wide) == pytest.approx(until_ns, abs=30 * MS)
-
-
-SETTABLE = """
-import signal, sys, time
-from imud.cli import program
-
-read, steps = time.time_ns, []
-time.time_ns = lambda: read() + sum(steps)
-signal.signal(signal.SIGUSR1, lambda *_: steps.append(3600 * 10**9))
-signal.signal(signal.SIGUSR2, lambda *_: steps.append(-(10**9)))
-sys.argv[0] = "imud"
-program()
-"""
-
-
-def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> None:
-    script = tmp_path / "settable.py"
-    script.write_text(SETTABLE)
-    probe, port = FakeProbe(), Port(tmp_path / "port")
-    program = (str(script),)
-    heard: queue.Queue[dict[str, Any]] = queue.Queue()
-    # Real UTC just before and after each pose was sampled, by its number on the wire.
-    sampled: dict[int, tuple[int, int]] = {}
-
-    def device_us() -> int:
-        return time.monotonic_ns() // 1000 & 0xFFFFFFFF
-
-    def speak(count: int) -> list[dict[str, Any]]:
-        """`count` poses, one in 5 ms, with answers in between; their records."""
-        for _ in range(count):
-            before_ns = time.time_ns()
-            probe.time_us = device_us()
-            sampled[probe.sequence] = before_ns, time.time_ns()
-            port.write(probe.say("pose"))
-            select.select([port.master], [], [], 0.005)
-            probe.time_us = device_us()
-            port.write(port.answers(probe))
-        return [heard.get() for _ in range(count)]
-
-    with DaemonProcess(port.path, directory=tmp_path, program=program) as daemon:
-        port.wait_open()
-        probe.time_us = device_us()
-        port.write(b"\0" + probe.say("hello"))
-        daemon.expect("found on")
-        with Client(daemon.endpoint) as client:
-            clocks: queue.Queue[dict[str, Any]] = queue.Queue()
-            statuses: queue.Queue[dict[str, Any]] = queue.Queue()
-            for topic, into in (("pose", heard), ("clock", clocks)):
-                client.subscribe(topic, None, taker(into))
-            client.statuses()  # then the router knows who subscribes
-            before = speak(200)
-            daemon.process.send_signal(signal.SIGUSR1)
-            while clocks.empty():
-                before += speak(1)
-            on = clocks.get()
-            after = speak(100)
-            daemon.process.send_signal(signal.SIGUSR2)
-            client.subscribe("status", None, taker(statuses))
-            while clocks.empty():
-                after += speak(1)
-            back = clocks.get()
-            late = speak(100)
-            status = statuses.get()
-            while status["clock"]["host_steps"] < 2:
-                late += speak(10)
-                status = statuses.get()
-        lines = [daemon.expect(re.escape(what)) for what in ("+3600.0", "-1.0")]
-        daemon.stop()
-    port.vanish()
-    assert on["step_ns"] == pytest.approx(HOUR, abs=100 * MS)
-    assert back["step_ns"] == pytest.approx(-SECOND, abs=100 * MS)
-    assert "time stamps follow gradually" in lines[1]
-    assert "time stamps follow gradually" not in lines[0]
-    assert_honest(before + after + late, sampled)
-    assert after[-1]["t_ns"] - sampled[after[-1]["seq"]][0] > HOUR - SECOND
-    # Of the second, a tenth of the time since is made up.
-    assert 300_000 < late[0]["t_bound_us"] < 1_100_000
-    assert status["clock"]["host_ahead_ns"] > SECOND // 3
-    assert status["state"] != "silent"
-
-
-def assert_honest(
-    poses: list[dict[str, Any]], sampled: dict[int, tuple[int, int]]
-) -> None:
-    """No time falls, and each is within its bound, by one of the settings of UTC."""
-    times = [pose["t_ns"] for pose in poses]
-    assert times == sorted(times)
-    # There is no bound until the probe has answered once: late on a busy machine.
-    unknown = [pose["t_bound_us"] is None for pose in poses]
-    assert unknown == sorted(unknown, reverse=True)
-    assert sum(unknown) < len(poses) // 2
-    for pose in poses[max(100, sum(unknown)) :]:
-        bound_ns = 1000 * pose["t_bound_us"]
-        earliest, latest = sampled[pose["seq"]]
-        assert any(
-            earliest - bound_ns <= pose["t_ns"] - set_ns <= latest + bound_ns
-            for set_ns in (0, HOUR, HOUR - SECOND)
-        )
-
-
-def taker(into: queue.Queue[dict[str, Any]]) -> Callable[[str, bytes], None]:
-    return lambda _, payload: into.put(json.loads(payload))
