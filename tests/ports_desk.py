@@ -38,13 +38,16 @@ class Desk:
     def __init__(self, directory: Path, **settings: Any) -> None:
         self.directory = directory
         self.devices: list[Device] = []
+        self.links: list[Path] = []  # of virtual probes
         kept = {"find": "all", "memory": str(directory / "ports.json")}
         chosen = PortSettings(**(kept | settings))
         self.intake = Intake(Config(ports=chosen), Hub(), Journal())
         self.found: list[str] = []
         self.intake.on_found = self.found.append
         self.finder = Finder(
-            chosen, self.intake, Journal(), listed=lambda: list(self.devices)
+            *(chosen, self.intake, Journal()),
+            listed=lambda: list(self.devices),
+            simulated=lambda: list(self.links),
         )
 
     def plug(self, name: str, baud: int | None = None, **about: Any) -> Port:

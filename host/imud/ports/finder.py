@@ -33,10 +33,12 @@ from imud.ports.standing import (
     OPENED,
     Standing,
     is_candidate,
+    is_ignored,
     same_port,
     standing_of,
 )
 from imud.ports.udp import UdpPorts
+from imud.virtual.sim import running_links
 
 # The ports are listed this often, which takes 0.9 ms, and whenever /dev changes.
 LIST_S = 1.0
@@ -71,11 +73,13 @@ class Finder:
         journal: Journal,
         *,
         listed: Callable[[], Iterable[Listed]] = list_ports.comports,
+        simulated: Callable[[], Iterable[Path]] = running_links,
     ) -> None:
         self._settings = settings
         self._probes = probes
         self._journal = journal
         self._listed = listed
+        self._simulated = simulated
         # For what may wait: a slow driver's answer, a disk, a look-up of a name.
         self._waiter = ThreadPoolExecutor(1, "imud-finder")
         self._memory = Memory()
@@ -172,25 +176,20 @@ class Finder:
                 self._serve(name, self._port(name, rates, is_named=True))
 
     async def _serve_found(self) -> None:
-        now_s = asyncio.get_running_loop().time()
         in_thread = partial(asyncio.get_running_loop().run_in_executor, self._waiter)
         listed = await in_thread(lambda: list(self._listed()))
         await in_thread(self._adopt_heard, listed)
         if not self._settings.find:
             return
         found = {p.device: p for p in listed if is_candidate(p, self._settings.ignore)}
-        for name in self._pauses.keys() - found.keys():
+        links = await in_thread(lambda: list(map(str, self._simulated())))
+        for name in self._pauses.keys() - found.keys() - set(links):
             del self._pauses[name]  # unplugged: the next device there may be another
         self._told &= found.keys()
         if await in_thread(self._read_adopted):
             self._close_released(found)
         for name, port in found.items():
-            pause = self._pauses.get(name)
-            if pause is not None and now_s < pause.until_s:
-                continue
-            if self._is_lent(name) or any(
-                same_port(name, other) for other in self._tasks
-            ):
+            if not self._is_due(name):
                 continue
             if not self._may_open(port) or await self._is_held(name):
                 continue
@@ -198,6 +197,19 @@ class Finder:
             also = (port.hwid,) if port.vid is not None else ()
             rates = self._settings.rates
             self._serve(name, self._port(name, rates, also=also, is_named=False))
+        for name in links:
+            if self._is_due(name) and not is_ignored(name, "", self._settings.ignore):
+                rates = self._settings.rates
+                self._serve(name, self._port(name, rates, is_named=False))
+
+    def _is_due(self, name: str) -> bool:
+        """Whether a port is neither open nor lent, nor to be tried later."""
+        pause = self._pauses.get(name)
+        if pause is not None and asyncio.get_running_loop().time() < pause.until_s:
+            return False
+        return not self._is_lent(name) and not any(
+            same_port(name, other) for other in self._tasks
+        )
 
     def _may_open(self, port: Listed) -> bool:
         """Whether a port may be opened. Told once, if a person may change that."""

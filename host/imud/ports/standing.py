@@ -53,7 +53,7 @@ def is_candidate(port: Listed, ignore: Iterable[str]) -> bool:
     """Whether a port may have a probe: USB and Bluetooth, unless a pattern of `ignore`
     has it. A built-in port may control other equipment.
     """
-    return _can_be_found(port) and not _is_ignored(port, ignore)
+    return _can_be_found(port) and not is_ignored(port.device, port.hwid, ignore)
 
 
 def standing_of(
@@ -62,7 +62,7 @@ def standing_of(
     """Takes up to a millisecond; reads no file."""
     if any(same_port(port_and_baud(n)[0], port.device) for n in settings.named):
         return Standing.NAMED
-    if _is_ignored(port, settings.ignore):
+    if is_ignored(port.device, port.hwid, settings.ignore):
         return Standing.IGNORED
     if not _can_be_found(port):
         return Standing.BUILT_IN
@@ -113,10 +113,10 @@ def _can_be_found(port: Listed) -> bool:
     return port.vid is not None or Path(port.device).name.startswith("rfcomm")
 
 
-def _is_ignored(port: Listed, ignore: Iterable[str]) -> bool:
-    names = (port.device, port.hwid)
+def is_ignored(device: str, hwid: str, ignore: Iterable[str]) -> bool:
+    """Whether a pattern of `ignore` has that path, its device or the hardware's id."""
     return any(
-        fnmatch.fnmatchcase(name, pattern) or same_port(port.device, pattern)
+        fnmatch.fnmatchcase(name, pattern) or same_port(device, pattern)
         for pattern in ignore
-        for name in names
+        for name in (device, hwid)
     )

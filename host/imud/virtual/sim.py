@@ -23,7 +23,7 @@ from typing import IO, TYPE_CHECKING
 from imud.errors import FileError
 from imud.machine import system
 from imud.progress import Progress
-from imud.virtual.boards import VirtualBoard
+from imud.virtual.boards import BOARDS, VirtualBoard
 
 if TYPE_CHECKING:
     from imud.virtual.motion import Motion
@@ -46,6 +46,20 @@ def default_link(board: VirtualBoard) -> Path:
     """The default path of the serial port, in a folder of the user."""
     folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
     return Path(folder) / f"imud-{board.name}"
+
+
+def running_links() -> Iterator[Path]:
+    """The serial ports of this user's virtual probes that run, at their default paths.
+
+    A link that leads nowhere is not asked for its lock: a probe that starts has it.
+    """
+    for link in map(default_link, BOARDS.values()):
+        # Windows has neither such ports nor such numbers of users.
+        with contextlib.suppress(OSError, AttributeError):
+            if link.lstat().st_uid == os.getuid() and link.exists():
+                with link.with_name(f"{link.name}.lock").open() as lock:
+                    if not system.try_lock(lock):
+                        yield link
 
 
 @contextlib.contextmanager

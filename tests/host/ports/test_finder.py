@@ -65,6 +65,20 @@ def test_a_named_port_without_a_rate_is_tried_at_all_and_with_one_at_that(
     second.vanish()
 
 
+def test_a_virtual_probe_is_found_each_time_it_runs(tmp_path: Path) -> None:
+    async def check(desk: Desk) -> None:
+        for ignored in ("ignored", "imud-nano", "imud-nano"):
+            probe, port = FakeProbe(), Port(tmp_path / ignored)
+            desk.links = [tmp_path / "ignored", port.path]
+            if ignored == "imud-nano":
+                await desk.say_until_found(port, probe)
+                assert [each.name for each in desk.finder] == [str(port.path)]
+            port.vanish()
+            await desk.until(lambda: not [*desk.finder])
+
+    at_desk(tmp_path, check, find=True, ignore=("*/ignored",))
+
+
 def test_nothing_is_written_to_a_port_before_a_hello(tmp_path: Path) -> None:
     port = Port(tmp_path / "modem")
 

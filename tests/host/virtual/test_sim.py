@@ -203,6 +203,26 @@ def test_each_board_has_a_port_of_its_own(monkeypatch: pytest.MonkeyPatch) -> No
     assert links == [f"/run/user/1000/imud-{name}" for name in names]
 
 
+def test_a_port_is_seen_while_its_virtual_probe_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    link, port = sim.default_link(boards.NANO), tmp_path / "pts"
+    link.symlink_to(port)
+    port.touch()
+    with sim.held(link):
+        assert [*sim.running_links()] == [link]
+        port.unlink()  # not made yet
+        assert [*sim.running_links()] == []
+        port.touch()
+        with monkeypatch.context() as patch:
+            patch.setattr("os.getuid", lambda: -1)  # another user's
+            assert [*sim.running_links()] == []
+    assert [*sim.running_links()] == []
+    (tmp_path / "imud-nano.lock").touch()  # of one that was killed
+    assert [*sim.running_links()] == []
+
+
 def test_a_bad_recording_is_one_line(
     tmp_path: Path, stand_in: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
