@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from imud.config.toml import called, line_of, mistakes, parse
+from imud.endpoint import fitting
 from imud.errors import ConfigError
 from imud.rotation import FloatArray
 
@@ -145,7 +146,7 @@ def read(text: str, source: str) -> Chain:
         if not _NAME.fullmatch(file.name):
             words = (
                 "use only letters, digits, dots, - and _: the name is part of keys "
-                "and file names"
+                f"and file names; try {fitting(file.name, '^A-Za-z0-9_.-', 'arm')}"
             )
             found.insert(0, (("name",), words))
     if found:

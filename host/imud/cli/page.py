@@ -19,7 +19,7 @@ import zenoh
 from imud.client import Client
 from imud.client.client import Delivery
 from imud.defaults import ENDPOINT, PAGE, PREFIX
-from imud.endpoint import host_and_port, is_loopback
+from imud.endpoint import host_and_port, is_loopback, misspelt
 from imud.errors import ConfigError, ImudError, ListenFailed
 from imud.net.access import BODIES, BODY_STATE
 from imud.net.network import read_credentials
@@ -154,9 +154,10 @@ def show(url: str, *, is_opened: bool) -> None:
 
 def _started(make: Callable[[tuple[str, int]], Page], address: str | None) -> Page:
     """A page that is served; at any free port if the usual one is taken."""
-    wanted = host_and_port(address or PAGE)
+    wanted = host_and_port(PAGE if address is None else address)
     if wanted is None or not is_loopback(wanted[0]):
-        raise ConfigError(f"{address} is not HOST:PORT of this machine, as {PAGE}")
+        wrong = misspelt(str(address), PAGE)
+        raise ConfigError(wrong or f"{address} is not on this machine: try {PAGE}")
     page = make(wanted)
     try:
         page.start()

@@ -18,7 +18,8 @@ import zenoh
 import zenoh.ext
 
 from imud.defaults import ENDPOINT, PREFIX
-from imud.errors import CommandRefused, NoReply, NotAllowed, ProbeUnknown
+from imud.endpoint import KEY, unfit
+from imud.errors import CommandRefused, ConfigError, NoReply, NotAllowed, ProbeUnknown
 from imud.net import access, network
 
 QUERY_TIMEOUT_S = 2.0
@@ -59,6 +60,8 @@ class Client:
         prefix: str = PREFIX,
         keys: str | Path | None = None,
     ) -> None:
+        if not KEY.fullmatch(prefix):
+            raise ConfigError(unfit(prefix, PREFIX))
         self._prefix = prefix
         self._mine = network.read_credentials(Path(keys)) if keys is not None else None
         if self._mine is not None and endpoint == ENDPOINT:

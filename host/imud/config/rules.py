@@ -25,14 +25,19 @@ from imud.config.settings import (
     port_and_baud,
 )
 from imud.config.toml import Mistake, cut
-from imud.defaults import ENDPOINT, FOXGLOVE, OPENIGTLINK, PAGE
-from imud.endpoint import host_and_port, is_local, is_loopback, link_of
+from imud.defaults import ENDPOINT, FOXGLOVE, OPENIGTLINK, PAGE, PREFIX
+from imud.endpoint import (
+    KEY,
+    NAME,
+    is_local,
+    link_of,
+    misspelt,
+    unfit,
+)
 from imud.igtl import names as igtl
 from imud.ros2 import topics
 
-# One part of a key. Zenoh gives the excluded characters a meaning, and @ as the first.
-_NAME = re.compile(r"(?!@)[^/*$#?\s]+")
-_PREFIX = re.compile(rf"{_NAME.pattern}(/{_NAME.pattern})*")
+_OR_ANYBODY = ", or let anybody read: open_to_all = true"
 _ORIGIN = re.compile(r"null|https?://(\[[0-9a-f:.]+\]|[\w.-]+)(:[0-9]{1,5})?")
 _PROBE_ID = re.compile(r"[0-9a-f]{16}")
 
@@ -43,10 +48,11 @@ def contradictions(config: Config) -> Iterator[Mistake]:
     if config.zenoh.mode == "router" and not config.zenoh.listen:
         yield Mistake(("zenoh", "listen"), f"is empty; try [{_quoted(ENDPOINT)}]")
     yield from _of_network(config.zenoh)
-    if not _PREFIX.fullmatch(config.zenoh.prefix):
-        yield Mistake(
-            ("zenoh", "prefix"), f"{cut(config.zenoh.prefix)!r} can't be part of a key"
-        )
+    for endpoint in config.ros2.connect:
+        if wrong := misspelt(endpoint, ENDPOINT):
+            yield Mistake(("ros2", "connect"), wrong)
+    if not KEY.fullmatch(config.zenoh.prefix):
+        yield Mistake(("zenoh", "prefix"), unfit(config.zenoh.prefix, PREFIX))
     yield from _of_page(config.web)
     if config.foxglove.enabled:
         yield from _of_foxglove(config.foxglove, config.zenoh.keys)
@@ -75,11 +81,8 @@ def _of_ports(section: PortSettings) -> Iterator[Mistake]:
             yield Mistake(("ports", "named"), f"baud {baud} is not in 1..{BAUD_MAX}")
     if not section.rates:
         yield Mistake(("ports", "rates"), f"is empty; try {list(RATES)}")
-    if section.udp and host_and_port(section.udp) is None:
-        yield Mistake(
-            ("ports", "udp"),
-            f"{_quoted(section.udp)} is not HOST:PORT, as 0.0.0.0:8736",
-        )
+    if section.udp and (wrong := misspelt(section.udp, "0.0.0.0:8736")):
+        yield Mistake(("ports", "udp"), wrong)
     if section.udp and not section.udp_keys:
         yield Mistake(
             ("ports", "udp_keys"),
@@ -89,16 +92,8 @@ def _of_ports(section: PortSettings) -> Iterator[Mistake]:
 
 
 def _of_page(section: WebSettings) -> Iterator[Mistake]:
-    path = ("web", "listen")
-    address = host_and_port(section.listen)
-    if address is None:
-        yield Mistake(path, f"{_quoted(section.listen)} is not HOST:PORT, as {PAGE}")
-    elif not is_loopback(address[0]):
-        yield Mistake(
-            path,
-            f"{cut(address[0])} is reachable from other machines; listen on "
-            "127.0.0.1, and use imud view --connect on other machines",
-        )
+    more = ", and use imud view --connect on other machines"
+    yield from _of_address("web", section.listen, PAGE, more)
     for origin in section.origins:
         if not _ORIGIN.fullmatch(origin):
             yield Mistake(
@@ -108,17 +103,7 @@ def _of_page(section: WebSettings) -> Iterator[Mistake]:
 
 
 def _of_foxglove(section: FoxgloveSettings, keys: str) -> Iterator[Mistake]:
-    address = host_and_port(section.listen)
-    path = ("foxglove", "listen")
-    if address is None:
-        yield Mistake(
-            path, f"{_quoted(section.listen)} is not HOST:PORT, as {FOXGLOVE}"
-        )
-    elif not is_loopback(address[0]):
-        yield Mistake(
-            path,
-            f"{cut(address[0])} is reachable from other machines; listen on 127.0.0.1",
-        )
+    yield from _of_address("foxglove", section.listen, FOXGLOVE)
     if keys and not section.open_to_all:
         yield Mistake(
             ("foxglove", "enabled"),
@@ -128,7 +113,10 @@ def _of_foxglove(section: FoxgloveSettings, keys: str) -> Iterator[Mistake]:
 
 
 def _of_openigtlink(section: OpenIgtLinkSettings, keys: str) -> Iterator[Mistake]:
-    yield from _of_readers("openigtlink", section, OPENIGTLINK)
+    is_open, more = section.open_to_all, _OR_ANYBODY
+    yield from _of_address(
+        "openigtlink", section.listen, OPENIGTLINK, more, is_open=is_open
+    )
     if keys and not section.open_to_all:
         yield Mistake(
             ("openigtlink", "enabled"),
@@ -148,22 +136,23 @@ def _of_log(section: LogSettings) -> Iterator[Mistake]:
 
 def _of_metrics(section: MetricsSettings) -> Iterator[Mistake]:
     if section.listen:
-        yield from _of_readers("metrics", section, "127.0.0.1:9735")
+        more, is_open = _OR_ANYBODY, section.open_to_all
+        yield from _of_address(
+            "metrics", section.listen, "127.0.0.1:9735", more, is_open=is_open
+        )
 
 
-def _of_readers(
-    name: str, section: MetricsSettings | OpenIgtLinkSettings, example: str
+def _of_address(
+    name: str, listen: str, example: str, more: str = "", *, is_open: bool = False
 ) -> Iterator[Mistake]:
     """The address of a server that asks nobody who they are."""
-    address = host_and_port(section.listen)
-    path = (name, "listen")
-    if address is None:
-        yield Mistake(path, f"{_quoted(section.listen)} is not HOST:PORT, as {example}")
-    elif not is_loopback(address[0]) and not section.open_to_all:
+    if wrong := misspelt(listen, example):
+        yield Mistake((name, "listen"), wrong)
+    elif not is_open and not is_local(f"tcp/{listen}"):
+        host = cut(listen.rpartition(":")[0])
         yield Mistake(
-            path,
-            f"{cut(address[0])} is reachable from other machines; listen on "
-            "127.0.0.1, or let anybody read: open_to_all = true",
+            (name, "listen"),
+            f"{host} is reachable from other machines; listen on 127.0.0.1{more}",
         )
 
 
@@ -189,10 +178,8 @@ def _of_probes(probes: dict[str, ProbeSettings]) -> Iterator[Mistake]:
                 yield Mistake((*path, name), "is set by fuse_on_host: leave it out")
         if not probe.name:
             continue
-        if not _NAME.fullmatch(probe.name):
-            yield Mistake(
-                (*path, "name"), f"{cut(probe.name)!r} can't be part of a key"
-            )
+        if not NAME.fullmatch(probe.name):
+            yield Mistake((*path, "name"), unfit(probe.name))
         if _PROBE_ID.fullmatch(probe.name) and probe.name != probe_id:
             yield Mistake(
                 (*path, "name"),
@@ -256,6 +243,10 @@ def _of_network(network: ZenohSettings) -> Iterator[Mistake]:
             f"is empty; a {network.mode} needs one, such as "
             f"[{_quoted('tcp/192.168.1.10:7447')}]",
         )
+    for name in ("listen", "connect"):
+        for endpoint in getattr(network, name):
+            if wrong := misspelt(endpoint, ENDPOINT):
+                yield Mistake(("zenoh", name), wrong)
     if network.keys:
         for endpoint in listen:
             if link_of(endpoint) != "tls":

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from imud.commands import COMMANDS
 from imud.config.rules import contradictions
 from imud.config.settings import Config
+from imud.endpoint import unfit
 from imud.errors import CommandRefused
 
 CONFIGURE = COMMANDS["configure"]
@@ -24,6 +25,8 @@ def configured(config: Config, probe_id: str, parameters: Mapping[str, str]) -> 
         raise CommandRefused(CONFIGURE.usage)
     settings = config.settings_of(probe_id)
     if "rename" in parameters:
+        if not parameters["rename"]:
+            raise CommandRefused(unfit(""))
         settings = replace(settings, name=parameters["rename"])
     if "log" in parameters:
         if parameters["log"] not in LOG:

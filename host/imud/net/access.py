@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from imud.commands import COMMANDS
+from imud.endpoint import NAME
+from imud.errors import ProbeUnknown
 from imud.roles import Role
 from imud.ros2 import topics
 
@@ -74,8 +76,16 @@ def is_id(text: str) -> bool:
 
 
 def address(probe: str | None) -> str:
-    """The part of a key for the probe of a name or an id; None: every probe."""
-    return f"{BY_ID}/{probe}" if probe and is_id(probe) else probe or "*"
+    """The part of a key for the probe of a name or an id; None: every probe.
+    ProbeUnknown for what can be neither, as a pattern.
+    """
+    if probe is None:
+        return "*"
+    if not NAME.fullmatch(probe):
+        raise ProbeUnknown(
+            f"no probe is called {probe[:80]!r}; choose one of imud list"
+        )
+    return f"{BY_ID}/{probe}" if is_id(probe) else probe
 
 
 def who_may(do: str) -> list[Role]:

@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import logging
+import os
 import secrets
 import time
 from base64 import b64encode
@@ -20,6 +22,7 @@ import zenoh
 
 from imud.config.settings import Config, ZenohSettings, listens_on
 from imud.defaults import ENDPOINT
+from imud.endpoint import misspelt
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 from imud.net import access, certificates
 from imud.net.guard_process import GuardProcess, OnRefused, OnRestart, guarded
@@ -42,6 +45,7 @@ WAIT_BEFORE_DROP_US = 50_000
 # A daemon answers within milliseconds on this machine, tens of them over a network.
 CONNECT_TIMEOUT_MS = 2000
 POLL_S = 0.01
+FILES = 20  # that a session opens at most, before anybody connects
 
 # How long Zenoh waits between two attempts to connect again: its default grows to 4 s,
 # and a healed link should be in use within a second.
@@ -222,7 +226,7 @@ def open_node(connect: Sequence[str], mine: Credentials | None) -> zenoh.Session
         wanted |= _known_as(mine, {})
     try:
         return zenoh.open(_config(wanted))
-    except (zenoh.ZError, ConfigError) as error:
+    except zenoh.ZError as error:
         raise ConfigError(
             f"can't connect ROS 2 to {', '.join(connect) or 'nothing'}; "
             'try ros2.connect = ["tcp/127.0.0.1:7447"]'
@@ -305,12 +309,10 @@ def open_client(where: str, mine: Credentials | None = None) -> zenoh.Session:
     }
     if mine is not None:
         wanted |= _known_as(mine, {})
+    if wrong := misspelt(where, ENDPOINT):
+        raise DaemonNotFound(wrong)
     try:
-        config = _config(wanted)
-    except ConfigError as error:
-        raise DaemonNotFound(f"{where} is not an endpoint; try {ENDPOINT}") from error
-    try:
-        return zenoh.open(config)
+        return zenoh.open(_config(wanted))
     except zenoh.ZError as error:
         if mine is not None and (
             why := certificates.why_refused(where, mine.ca, mine.certificate)
@@ -332,13 +334,13 @@ def _at_once() -> dict[str, Any]:
 
 
 def _config(wanted: Mapping[str, Any]) -> zenoh.Config:
+    with contextlib.ExitStack() as files:
+        # Zenoh aborts where it can't open these: an OSError instead.
+        for _ in range(FILES):
+            files.enter_context(Path(os.devnull).open())
     config = zenoh.Config()
     for key, value in wanted.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            part = key.rpartition("/")[0] if "endpoints" in key else key
-            raise ConfigError(f"zenoh.{part}: Zenoh can't use {value}") from error
+        config.insert_json5(key, json.dumps(value))
     return config
 
 

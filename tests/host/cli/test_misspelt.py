@@ -40,6 +40,18 @@ def test_a_misspelt_probe_is_told_from_those_that_are_there(
     assert [*tmp_path.iterdir()] == []
 
 
+@pytest.mark.parametrize("probe", ["", "*", "**", "a/b", "$*", "?a", "#", "\udcff"])
+def test_what_no_probe_can_be_called_reaches_none(
+    probe: str, endpoint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for command in (["tare", probe], ["name", probe, "x"], ["params", "show", probe]):
+        assert cli.main([*command, "--connect", endpoint]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.endswith("; choose one of imud list")
+    assert cli.main(["list", "--connect", endpoint, "--prefix", f"{probe}/ "]) == 1
+    assert "can't be part of a key" in capsys.readouterr().err
+
+
 def test_one_for_a_file_is_told_so_too(
     endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

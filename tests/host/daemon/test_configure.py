@@ -22,7 +22,9 @@ PROBE_ID = "00112233445566aa"
         ({}, "configure needs"),
         ({"rate": "5"}, "configure needs"),
         ({"log": "yes"}, "configure needs"),
-        ({"rename": "a/b"}, "can't be part of a key"),
+        ({"rename": "a/b"}, "can't be part of a key, .*; try a-b"),
+        ({"rename": "@Stylus 1"}, "; try Stylus-1"),
+        ({"rename": ""}, "; try stylus"),
         ({"rename": "other"}, "is also the name of another probe"),
     ],
 )

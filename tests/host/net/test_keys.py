@@ -16,6 +16,7 @@ from imud import cli
 from imud import endpoint as endpoints
 from imud.config.reader import load
 from imud.config.settings import Config, ZenohSettings
+from imud.defaults import ENDPOINT, PAGE
 from imud.errors import ConfigError, FileError, ImudError
 from imud.net import access, keys, network
 
@@ -182,6 +183,36 @@ def test_without_a_folder_the_way_to_one_is_said(tmp_path: Path) -> None:
 )
 def test_what_others_can_reach_is_known(endpoint: str, is_local: bool) -> None:
     assert endpoints.is_local(endpoint) is is_local
+
+
+@pytest.mark.parametrize(
+    ("typed", "endpoint", "address"),
+    [
+        ("::1", "tcp/[::1]:7447", "[::1]:8735"),
+        ("tls/::1:80", "tls/[::1:80]:7447", "[::1:80]:8735"),
+        ("tcp/::1:8735", "tcp/[::1]:8735", "[::1]:8735"),
+        ("tcp/[fe80::1%eth0", "tcp/[fe80::1%eth0]:7447", "[fe80::1%eth0]:8735"),
+        (
+            "1:2:3:4:5:6:7:8000",
+            "tcp/[1:2:3:4:5:6:7:8000]:7447",
+            "[1:2:3:4:5:6:7:8000]:8735",
+        ),
+        ("tcp/h:99999", "tcp/h:7447", "h:8735"),
+        ("http://h:80/a", "tcp/h:80", "h:80"),
+        (":80", "tcp/127.0.0.1:80", "127.0.0.1:80"),
+        ("", "tcp/127.0.0.1:7447", "127.0.0.1:8735"),
+        ("tls/h:1#iface=lo", "", "h:1"),
+        ("unixsock-stream//tmp/a", "", "tmp:8735"),
+        ("[::]:0", "tcp/[::]:0", ""),
+    ],
+)
+def test_what_is_no_address_is_told_with_the_one_that_was_meant(
+    typed: str, endpoint: str, address: str
+) -> None:
+    for meant, example in ((endpoint, ENDPOINT), (address, PAGE)):
+        told = endpoints.misspelt(typed, example)
+        assert told.rpartition(": try ")[2] == meant
+        assert endpoints.misspelt(meant or typed, example) == ""
 
 
 @pytest.mark.parametrize(
