@@ -25,6 +25,10 @@ ImudError
 Each message says what was being done, to what, and what to do next, on one line.
 """
 
+import errno
+import os
+import re
+
 
 class ImudError(Exception):
     """Anything imud raises on purpose."""
@@ -100,6 +104,41 @@ class DaemonNotFound(NetworkError):
 
 class FileError(ImudError):
     """A capture or a log that can't be read or written."""
+
+
+# What to do where the system refuses something, by its number.
+_REMEDIES = {
+    errno.EISDIR: "name a file that is in it",
+    errno.ENOSPC: "what imud writes to is full: free space, or write elsewhere",
+    errno.EROFS: "choose a folder that can be written to",
+    errno.EMFILE: "imud may open too few files: allow more with ulimit -n 1024",
+    errno.ENFILE: "this machine has too many files open: close other programs",
+}
+
+
+def told(error: BaseException) -> str:
+    """What was refused, and what to do: the system, or the user, can change that."""
+    if isinstance(error, MemoryError):
+        return "out of memory; close other programs"
+    if isinstance(error, UnicodeEncodeError):
+        return "an argument is not UTF-8; type it again"
+    why, cause = str(error), error.__cause__
+    if isinstance(error, OSError):
+        why, cause = error.strerror or reason(error), error
+        if error.filename is not None:
+            # A name that no file can have, or a folder without permission.
+            why = f"can't use {error.filename}: {why}"
+        elif "temporary directory" in why:
+            return "no folder for temporary files: set TMPDIR to one that can be used"
+    remedy = _REMEDIES.get(cause.errno or 0) if isinstance(cause, OSError) else None
+    return f"{why}; {remedy}" if remedy and "; " not in why else why
+
+
+def reason(fault: Exception) -> str:
+    """What the system or a library says, without numbers and the file's name again."""
+    if isinstance(fault, OSError) and fault.errno:
+        return os.strerror(fault.errno)
+    return re.sub(r"\[Errno -?\d+\] ", "", str(fault))
 
 
 def described(fault: BaseException) -> str:

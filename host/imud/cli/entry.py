@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import os
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import ClassVar, NoReturn
 
 from imud import checkout
@@ -34,7 +36,7 @@ from imud.cli import (
     watch,
 )
 from imud.cli.parser import GroupedParser, Parser, plain
-from imud.errors import BuildFailed, ImudError, described
+from imud.errors import BuildFailed, ImudError, described, told
 
 # Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
 FAULT = 70
@@ -99,30 +101,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command (default: that of sys.argv) and returns its exit code: 1 after
     an error, which is one line on stderr. Wrong usage raises SystemExit with code 2.
     """
-    args = build_parser().parse_args(argv)
     try:
+        args = build_parser().parse_args(argv)
         status: int = args.run(args)
         sys.stdout.flush()
-    except ImudError as error:
-        sys.stderr.write(f"imud: {plain(str(error))}\n")
-        return 1
     except BrokenPipeError:
         # The reader of a pipe has ended, as `head` does: end without complaint.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
-        if error.filename is None:
+    except (ImudError, OSError, MemoryError, UnicodeEncodeError) as error:
+        if isinstance(error, OSError) and error.errno is None:
             raise
-        # A name that no file can have, or a folder without permission.
-        text = f"can't use {error.filename}: {error.strerror}"
-        sys.stderr.write(f"imud: {plain(text)}\n")
-        return 1
-    except MemoryError:
-        sys.stderr.write("imud: out of memory; close other programs\n")
+        sys.stderr.write(f"imud: {plain(told(error))}\n")
         return 1
     except KeyboardInterrupt:
         return 130  # 128 + SIGINT, as shells say it
     return status
+
+
+def _prepare_streams() -> None:
+    """Gives a process that was started without them standard streams, and has those
+    that know few characters show `?` for others.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # it gets its number: the lowest that is free
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115 - as long as the process
+    for stream in (sys.stdout, sys.stderr):
+        # A descriptor that another program has put in place may not seek.
+        with contextlib.suppress(OSError):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")
 
 
 def program() -> NoReturn:
@@ -133,6 +141,7 @@ def program() -> NoReturn:
     session is closed. It would also wait for ever for a disk that is stuck.
     """
     try:
+        _prepare_streams()
         checkout.refresh_core()
         status = main()
     except BuildFailed as error:

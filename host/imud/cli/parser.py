@@ -8,6 +8,7 @@ import difflib
 import shutil
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, NoReturn
 
 # Names of the argument that is a command, and of a board.
@@ -27,6 +28,13 @@ class Parser(argparse.ArgumentParser):
             self.print_help()
             self.exit()
         super().error(plain(message))
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        """argparse makes a list of the value `--`, Path the current folder of ''."""
+        is_list = arg_strings == ["--"] and action.nargs is None
+        if is_list or (action.type is Path and "" in arg_strings):
+            raise argparse.ArgumentError(action, "expected a value, not an empty one")
+        return super()._get_values(action, arg_strings)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """A command or another choice that does not exist."""

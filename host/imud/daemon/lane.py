@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence, Set
 from itertools import islice
 from typing import NamedTuple, Protocol
 
+from imud.errors import reason
 from imud.probes.balance import SinkCounts
 from imud.probes.record import Presence, Record
 
@@ -304,9 +305,9 @@ class Lane:
         except Exception as error:  # noqa: BLE001 - a fault of a sink stays in its lane
             self._failures += 1
             is_reported = bool(self._trouble)
-            self._trouble = str(error) or type(error).__name__
+            why = self._trouble = reason(error) or type(error).__name__
             if not is_reported:
-                logger.warning("%s failed, retrying: %s", self.sink.name, error)
+                logger.warning("%s failed, retrying: %s", self.sink.name, why)
             self._broken_until = time.monotonic() + RETRY_S
             return False
         return True

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import serial
 
-from imud.errors import FlashError
+from imud.errors import FlashError, reason
 from imud.flash import OnProgress
 from imud.flash.errors import HalfWritten
 
@@ -58,7 +58,7 @@ def ask_for_loader(port: str) -> None:
     try:
         serial.Serial(port, LOADER_BAUD, exclusive=True).close()
     except (OSError, ValueError) as error:
-        raise FlashError(f"can't open {port}: {error}") from error
+        raise FlashError(f"can't open {port}: {reason(error)}") from error
 
 
 def found_drive(seconds: float) -> Path:
@@ -116,7 +116,9 @@ def _mount() -> None:
 def _copy(image: bytes, target: Path, on_progress: OnProgress) -> None:
     done = 0
     try:
-        file = target.open("wb")
+        # Not through a link, to which a stick that is no board could lead.
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
+        file = os.fdopen(os.open(target, flags | getattr(os, "O_BINARY", 0)), "wb")
     except OSError as error:
         raise FlashError(f"can't write {target}: {error.strerror}") from error
     try:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import serial
 
-from imud.errors import FlashError
+from imud.errors import FlashError, reason
 
 # An Arduino's capacitor turns DTR's edge into a reset of 0.1 ms.
 RESET_S = 0.05
@@ -55,4 +55,6 @@ def _told(port: str) -> Iterator[None]:
     except serial.SerialTimeoutException as error:
         raise FlashError(f"{port} takes no bytes; plug the board in again") from error
     except (OSError, ValueError) as error:  # a SerialException is an OSError
-        raise FlashError(f"{port} can't be used or was lost: {error}") from error
+        raise FlashError(
+            f"{port} can't be used or was lost: {reason(error)}"
+        ) from error

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 
-from imud.errors import FileError
+from imud.errors import FileError, told
 from imud.log.parts import Damage
 from imud.log.reader import Logged, salvage, size_of
 from imud.progress import Progress
@@ -25,7 +25,7 @@ def each_of(paths: Sequence[Path], export: Callable[[Path, Path], None]) -> int:
             with log_of(path) as log:
                 export(log, path.parent)
         except FileError as error:
-            problems.append(str(error))
+            problems.append(told(error))
     if problems:
         raise FileError("; ".join(problems))
     return 0

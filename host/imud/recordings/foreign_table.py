@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from imud.errors import FileError
+from imud.errors import FileError, reason
 from imud.rotation import FloatArray
 from imud.virtual.npz import arrays_of
 
@@ -62,7 +62,7 @@ def read(path: Path) -> ForeignTable:
     """FileError with what is wrong."""
     suffix = path.suffix.lower()
     try:
-        if suffix in (".bag", ".db3") or path.is_dir():
+        if suffix in (".bag", ".db3") or (path / "metadata.yaml").exists():
             return _bag(path.parent if suffix == ".db3" else path)
         if suffix == ".npz":
             return ForeignTable(_flat(path, _npz(path)))
@@ -169,7 +169,7 @@ def _parquet(path: Path) -> dict[str, Any]:
             raise FileError(f"{path} takes too much memory: {size / 1e6:.0f} MB")
         table = parquet.read_table(path)
     except (pyarrow.ArrowException, OSError) as error:
-        raise FileError(f"{path} is not a Parquet file: {error}") from error
+        raise FileError(f"{path} is not a Parquet file: {reason(error)}") from error
     found = {}
     for name in table.column_names:
         column = table.column(name)

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from imud.errors import FileError
+from imud.errors import FileError, told
 from imud.log.parts import Damage
 from imud.log.reader import (
     METADATA_OF_PROBES,
@@ -167,7 +167,7 @@ def run(paths: list[Path], *, as_json: bool) -> int:
             with log_of(path) as log:
                 info = info_of(log) | {"log": str(path)}
         except FileError as error:
-            problems.append(str(error))
+            problems.append(told(error))
             continue
         if info["damage"]:
             problems.append(f"{path} is {info['damage']}")

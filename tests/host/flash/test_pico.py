@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from imud.errors import FlashError
-from imud.flash import firmware, pico, uf2
+from imud.flash import firmware, pico, serial_port, uf2
 from imud.flash.errors import HalfWritten
 
 IMAGE = bytes(range(256)) * 250 + b"end"
@@ -155,13 +155,28 @@ def test_a_full_or_yanked_drive_is_told(
 
 
 def test_a_drive_that_cannot_be_written_leaves_the_board_as_it_was(
-    loader: Loader,
+    loader: Loader, tmp_path: Path
 ) -> None:
     loader.appear(restarts=False)
-    (loader.folder / "FIRMWARE.UF2").mkdir()
+    target = loader.folder / "FIRMWARE.UF2"
+    target.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(FlashError, match=r"Too many levels of symbolic links"):
+        pico.flash(None, FILE, quiet)
+    assert not (tmp_path / "elsewhere").exists()
+    target.unlink()
+    target.mkdir()
     with pytest.raises(FlashError, match=r"can't write .*Is a directory") as told:
         pico.flash(None, FILE, quiet)
     assert not isinstance(told.value, HalfWritten)
+
+
+def test_a_port_that_is_not_there_is_told_once() -> None:
+    with pytest.raises(FlashError) as told:
+        pico.ask_for_loader("/dev/none")
+    assert str(told.value) == "can't open /dev/none: No such file or directory"
+    with pytest.raises(FlashError) as told, serial_port.opened("/dev/none", 9600):
+        pass
+    assert str(told.value).endswith("was lost: No such file or directory")
 
 
 def failing(_file: int) -> None:
