@@ -98,12 +98,15 @@ def package(desk: Desk, version: str, suite: str) -> Iterator[Row]:
     deb = f"/imu/dist/imu-probe_{version}~{suite}_{suite}.deb"
     apt = "apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y"
     yield desk.tries("apt install imu-probe.deb", f"{apt} {deb} >/dev/null 2>&1")
-    yield desk.tries("imud --version", "imud --version", says=f"imud {version}")
-    unit = "cat /usr/lib/systemd/system/imud.service"
+    for name in ("imu-probe", "imud"):
+        yield desk.tries(f"{name} --version", f"{name} --version", says=version)
+    unit = "cat /usr/lib/systemd/system/imu-probe.service"
     yield desk.tries("its service", unit, says="/opt/imu-probe/bin/imud run")
     config = "imud config --check /etc/imud.toml"
     yield desk.tries("its settings", config)
-    pages = "ls /usr/share/man/man1/imud-flash.1.gz && id imud"
+    pages = (
+        "cd /usr/share/man/man1 && ls imud-flash.1.gz imu-probe-flash.1.gz && id imud"
+    )
     yield desk.tries("its man pages and user", pages)
     yield desk.tries("apt purge", "apt-get purge -qq -y imu-probe && ! command -v imud")
 

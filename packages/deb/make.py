@@ -18,8 +18,13 @@ from pathlib import Path
 
 HOME = Path("/opt/imu-probe")
 USER = "imud"  # that the service runs as
-LINKED = Path("usr/bin/imud")
+SERVICE = "imu-probe.service"
+# What is linked into /usr where nobody else has the name: command, pages, completion.
+AS_IMUD = HOME / "as-imud"
+# The unit of packages before it had that name.
+FORMER = "/usr/lib/systemd/system/imud.service"
 SETTINGS = "/etc/imud.toml"
+MAN, COMPLETIONS = "man/man1", "bash-completion/completions"
 
 CONTROL = """\
 Package: imu-probe
@@ -32,30 +37,54 @@ Depends: python3 (>= {least}), python3 (<< {below}), libc6, adduser
 Recommends: systemd, udev
 Installed-Size: {kib}
 Description: pose of imu-probes as a network service
- The command imud, with its service: it reads imu-probes on serial ports, checks what
- they send, publishes their pose over Zenoh, logs it, and shows it on a page. With the
- firmware of all boards, which imud flash writes.
+ The command imu-probe, also as imud where that name is free, with its service: it
+ reads imu-probes on serial ports, checks what they send, publishes their pose over
+ Zenoh, logs it, and shows it on a page. With the firmware of all boards, which it
+ flashes.
 """
 
+BEFORE_INSTALL = f"""\
+#!/bin/sh
+set -e
+if grep -qs '^ExecStart={HOME}/' {FORMER} && [ -d /run/systemd/system ]; then
+    if systemctl --quiet is-enabled imud.service; then touch /run/{SERVICE}; fi
+    systemctl disable --now imud.service || true
+fi
+"""
 AFTER_INSTALL = f"""\
 #!/bin/sh
 set -e
+if ! command -v imud >/dev/null; then
+    cd {AS_IMUD}
+    find * ! -type d -exec ln -s {AS_IMUD}/{{}} /usr/{{}} \\; 2>/dev/null || true
+fi
 if [ "$1" = configure ]; then
     adduser --system --group --quiet --home /var/lib/imud --no-create-home {USER}
     if [ -d /run/systemd/system ]; then
         systemctl daemon-reload
         udevadm control --reload || true
-        if [ -n "$2" ]; then systemctl try-restart imud.service || true; fi
+        if [ -n "$2" ]; then systemctl try-restart {SERVICE} || true; fi
+        if [ -e /run/{SERVICE} ]; then
+            rm /run/{SERVICE}
+            systemctl enable --now {SERVICE} || true
+        fi
     fi
 fi
 """
-BEFORE_REMOVE = """\
+BEFORE_REMOVE = f"""\
 #!/bin/sh
 set -e
+find /usr/bin /usr/share/{MAN} /usr/share/{COMPLETIONS} \\
+    -maxdepth 1 -lname '{AS_IMUD}/*' -delete
 if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
-    systemctl disable --now imud.service || true
+    systemctl disable --now {SERVICE} || true
 fi
 """
+SCRIPTS = {
+    "preinst": BEFORE_INSTALL,
+    "postinst": AFTER_INSTALL,
+    "prerm": BEFORE_REMOVE,
+}
 
 
 def run(*words: object) -> str:
@@ -84,16 +113,17 @@ def lay_out(root: Path, man: Path) -> None:
     # In a package, files in /etc belong to the administrator.
     (root / "etc" / "systemd").rename(units / "systemd")
     (root / "etc" / "udev").rename(units / "udev")
-    (root / LINKED.parent).mkdir(parents=True, exist_ok=True)
-    (root / LINKED).symlink_to(HOME / "bin" / "imud")
-    pages = root / "usr" / "share" / "man" / "man1"
-    pages.mkdir(parents=True)
-    for page in sorted(man.glob("*.1")):
-        shutil.copy(page, pages)
-        run("gzip", "-9n", pages / page.name)
-    words = root / "usr" / "share" / "bash-completion" / "completions"
-    words.mkdir(parents=True)
-    (words / "imud").write_text(run(HOME / "bin" / "imud", "completion", "bash"))
+    for name, place in (("imud", AS_IMUD.relative_to("/")), ("imu-probe", Path("usr"))):
+        program = HOME / "bin" / name
+        pages, words = (root / place / "share" / each for each in (MAN, COMPLETIONS))
+        for folder in (root / place / "bin", pages, words):
+            folder.mkdir(parents=True, exist_ok=True)
+        (root / place / "bin" / name).symlink_to(program)
+        for page in sorted(man.glob("*.1")):
+            made = pages / page.name.replace("imud", name, 1)
+            shutil.copy(page, made)
+            run("gzip", "-9n", made)
+        (words / name).write_text(run(program, "completion", "bash"))
     about = root / "usr" / "share" / "doc" / "imu-probe"
     about.mkdir(parents=True)
     (license_file,) = (root / HOME.relative_to("/")).glob(
@@ -116,7 +146,7 @@ def control(root: Path, version: str) -> None:
     )
     (folder / "control").write_text(text)
     (folder / "conffiles").write_text(f"{SETTINGS}\n")
-    for name, script in (("postinst", AFTER_INSTALL), ("prerm", BEFORE_REMOVE)):
+    for name, script in SCRIPTS.items():
         (folder / name).write_text(script)
         (folder / name).chmod(0o755)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import add_command
@@ -34,5 +35,8 @@ def _run(args: argparse.Namespace) -> int:
 
     from imud.cli.entry import build_parser
 
-    sys.stdout.write(shtab.complete(build_parser(), shell=args.shell) + "\n")
+    parser = build_parser()
+    if Path(sys.argv[0]).name == "imu-probe":
+        parser.prog = "imu-probe"
+    sys.stdout.write(shtab.complete(parser, shell=args.shell) + "\n")
     return 0

@@ -189,7 +189,7 @@ def _run(args: argparse.Namespace) -> int:
         return daemon.run(load)
     except ImudError as error:
         is_final = isinstance(error, ConfigError)
-        mend = "; correct it, then: systemctl restart imud" if is_final else ""
+        mend = "; correct it, then: systemctl restart imu-probe" if is_final else ""
         Notifier().status(f"{error}{mend}")
         if not is_final:
             raise

@@ -30,7 +30,7 @@ Settings of imud, each with its purpose. Omitted settings have the defaults that
 `imud config` prints.
 
 imud config --check FILE lists the mistakes in a file. A running daemon applies changes
-on systemctl reload imud, or kill -HUP."""
+on systemctl reload imu-probe, or kill -HUP."""
 
 
 def load(

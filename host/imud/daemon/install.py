@@ -32,7 +32,7 @@ ExecStart={program} run --config /etc/imud.toml
 ExecReload=/bin/sh -c "kill -HUP $MAINPID"
 Restart=on-failure
 RestartSec=2
-# Invalid arguments or settings: `systemctl status imud` shows what to correct.
+# Invalid arguments or settings: `systemctl status imu-probe` shows what to correct.
 RestartPreventExitStatus=2 78
 # The loop notifies systemd every second.
 WatchdogSec=10
@@ -103,7 +103,7 @@ NEXT = """\
 to start it now and at every boot:
   systemd-sysusers && systemctl daemon-reload
   udevadm control --reload && udevadm trigger --subsystem-match=tty
-  systemctl enable --now imud
+  systemctl enable --now imu-probe
 then adopt the port of a probe:
   imud ports; imud ports adopt /dev/ttyUSB0
 """
@@ -111,7 +111,7 @@ then adopt the port of a probe:
 
 REMOVED = """\
 to stop it now, and to remove its user and its data (logs, params):
-  systemctl disable --now imud; systemctl daemon-reload; udevadm control --reload
+  systemctl disable --now imu-probe; systemctl daemon-reload; udevadm control --reload
   userdel imud; rm -r /var/lib/imud
 """
 
@@ -128,9 +128,9 @@ def files(user: str, program: Path) -> dict[str, str]:
         program=_quoted(program), user=user, home=home, private_tmp=private_tmp
     )
     return {
-        "etc/systemd/system/imud.service": unit,
+        "etc/systemd/system/imu-probe.service": unit,
         udev.PLACE: udev.rules(),
-        "etc/sysusers.d/imud.conf": USERS.format(user=user),
+        "etc/sysusers.d/imu-probe.conf": USERS.format(user=user),
         SETTINGS: as_toml(
             Config(
                 params=ParamsSettings("params"),

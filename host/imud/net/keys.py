@@ -23,6 +23,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from imud.defaults import PORT
+from imud.endpoint import fitting
 from imud.errors import ConfigError, FileError
 from imud.net.access import ROLES as ABOUT
 from imud.net.network import (
@@ -48,7 +49,7 @@ BEFORE, AFTER = timedelta(days=1), timedelta(days=3650)
 PASSWORD_BYTES = 24
 
 # A running daemon reads its keys again then.
-RELOAD = "once imud run reloads (systemctl reload imud, or kill -HUP) or starts again"
+RELOAD = "once imud reloads (systemctl reload imu-probe, or kill -HUP) or starts again"
 
 # Also the name in a certificate, of a file, and in Zenoh's list of passwords.
 _USER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
@@ -102,7 +103,8 @@ def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Pat
     roles = read_roles(folder)
     if not _USER.fullmatch(user):
         raise ConfigError(
-            f"{user!r} is not a valid user name: letters, digits, . _ and -, at most 64"
+            f"{user!r} is not a valid user name: letters, digits, . _ and -, at most "
+            f"64; try {fitting(user, '^A-Za-z0-9._-', 'anna')}"
         )
     if user in roles:
         raise ConfigError(

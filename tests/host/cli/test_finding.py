@@ -74,22 +74,22 @@ def test_what_was_probably_meant_is_named(
 
 def test_bash_completes_commands_and_options(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "imud", "completion", "bash"],
+        [Path(sys.executable).with_name("imu-probe"), "completion", "bash"],
         capture_output=True,
         text=True,
         check=True,
     )
-    script = tmp_path / "imud.bash"
+    script = tmp_path / "imu-probe.bash"
     script.write_text(done.stdout)
     for words, expected in (
-        (["imud", "li"], {"list", "listen"}),
-        (["imud", "params", "sh"], {"show"}),
-        (["imud", "list", "--conn"], {"--connect"}),
+        (["imu-probe", "li"], {"list", "listen"}),
+        (["imu-probe", "params", "sh"], {"show"}),
+        (["imu-probe", "list", "--conn"], {"--connect"}),
     ):
         typed = " ".join(words)
         code = (
             f"source {script}; COMP_WORDS=({typed}); COMP_CWORD={len(words) - 1}; "
-            "_shtab_imud; printf '%s\\n' \"${COMPREPLY[@]}\""
+            "_shtab_imu_probe; printf '%s\\n' \"${COMPREPLY[@]}\""
         )
         found = subprocess.run(
             ["bash", "-c", code], capture_output=True, text=True, check=True

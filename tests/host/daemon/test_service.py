@@ -139,9 +139,9 @@ def test_settings_that_cannot_be_end_it_for_good_and_its_status_says_why(
     assert line.startswith("imud: ")
     status = manager.expect("STATUS=")
     assert status.startswith(f"STATUS={line.removeprefix('imud: ')}; correct it")
-    assert "systemctl restart imud" in status
+    assert "systemctl restart imu-probe" in status
     main(["install-service", "--prefix", str(tmp_path)])
-    unit = (tmp_path / "etc/systemd/system/imud.service").read_text()
+    unit = (tmp_path / "etc/systemd/system/imu-probe.service").read_text()
     assert re.search(r"^RestartPreventExitStatus=.*\b78$", unit, re.MULTILINE)
 
 
@@ -188,7 +188,7 @@ def test_what_was_installed_is_removed_but_for_settings(
     assert main(["install-service", "--prefix", str(tmp_path)]) == 0
     assert main(["install-service", "--remove", "--prefix", str(tmp_path)]) == 0
     out = capsys.readouterr().out
-    assert "systemctl disable --now imud" in out
+    assert "systemctl disable --now imu-probe" in out
     left = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert left == [tmp_path / "etc/imud.toml"]
     assert main(["install-service", "--remove", "--prefix", str(tmp_path)]) == 0
@@ -212,7 +212,7 @@ def test_a_service_sees_its_own_program(
     """It would not, in a folder for temporary files, if it had one of its own."""
     monkeypatch.setattr(install, "_program", lambda: Path(program))
     assert main(["install-service", "--prefix", str(tmp_path)]) == 0
-    unit = (tmp_path / "etc/systemd/system/imud.service").read_text()
+    unit = (tmp_path / "etc/systemd/system/imu-probe.service").read_text()
     assert f"PrivateTmp={private}\n" in unit
     assert ("install imud elsewhere" in capsys.readouterr().err) == is_warned
 
@@ -221,9 +221,11 @@ def test_what_is_installed_is_whole_and_says_what_starts_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["install-service", "--prefix", str(tmp_path)]) == 0
-    assert "systemctl enable --now imud" in capsys.readouterr().out
+    assert "systemctl enable --now imu-probe" in capsys.readouterr().out
     assert main(["config", "--check", str(tmp_path / "etc/imud.toml")]) == 0
-    assert (tmp_path / "etc/systemd/system/imud.service").exists()
+    unit = tmp_path / "etc/systemd/system/imu-probe.service"
+    assert unit.exists()
+    assert not unit.with_name("imud.service").exists()  # which another project has
 
 
 @pytest.mark.skipif(
@@ -231,7 +233,7 @@ def test_what_is_installed_is_whole_and_says_what_starts_it(
 )
 def test_the_unit_can_be_taken_by_systemd(tmp_path: Path) -> None:
     assert main(["install-service", "--prefix", str(tmp_path)]) == 0
-    unit = tmp_path / "etc/systemd/system/imud.service"
+    unit = tmp_path / "etc/systemd/system/imu-probe.service"
     subprocess.run(["systemd-analyze", "verify", unit], check=True)
     security = ["systemd-analyze", "security", "--offline=true", "--no-pager"]
     # 2.0 of 10 is the threshold, in tenths; the command fails above it.
