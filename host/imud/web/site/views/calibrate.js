@@ -36,11 +36,16 @@ export class CalibrateView {
       undo: () => this._change("before"),
     });
     this._stage = make("div", { class: "stage" });
-    this._legend = make("p", { class: "over bottom-right legend" });
+    this._legend = make("p", { class: "legend" });
     this.element = make(
       "section",
       { class: "calibrate view" },
-      make("div", { class: "picture" }, this._stage, this._legend),
+      make(
+        "div",
+        { class: "picture" },
+        this._stage,
+        make("div", { class: "over bottom-left" }, this._legend),
+      ),
       make("aside", { class: "side" }, this._guide.element, this._result.element, this._cloud.element),
     );
     this.keys = /** @type {import("../keys.js").Map} */ ({

@@ -70,7 +70,7 @@ export class ProbeView {
       make("a", { href: "#/probes" }, "Probes"),
       ", or start a virtual one: imud sim nano --stream",
     );
-    this._legend = make("p", { class: "over bottom-right legend" }, LEGEND);
+    this._legend = make("p", { class: "legend" }, LEGEND);
     this._numbers = new Numbers();
     this._controls = new Controls(model);
     this._marks = new MarksCard(model);
@@ -112,8 +112,7 @@ export class ProbeView {
           this._flags,
           this._concerns,
         ),
-        make("div", { class: "over bottom-left" }, this._body, camera, picture),
-        this._legend,
+        make("div", { class: "over bottom-left" }, this._body, camera, picture, this._legend),
         this._empty,
       ),
       make("aside", { class: "side" }, this._numbers.element, this._controls.element, this._marks.element),
