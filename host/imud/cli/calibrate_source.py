@@ -94,13 +94,14 @@ class LiveSamples:
         self._client = client
         self._probe = probe
         reply = client.params(probe)
+        self._id = reply["probe_id"]  # which it has under every name
         self._digest = reply["digest"]
         status = _status(client, probe)
         self._hello = status["hello"]
         if why := out_of_work(status):
             raise DeviceError(f"probe {probe} can not be calibrated: {why}")
         self.subject = CalibratedProbe(
-            reply["probe_id"],
+            self._id,
             scale_of(self._hello, self._hello["sample_rate"]),
             missing_magnetometer(self._hello),
             Params.decode(bytes.fromhex(reply["bytes"])),
@@ -109,7 +110,7 @@ class LiveSamples:
         if needs_mag and self.subject.missing_mag:
             raise DeviceError(f"probe {probe}: {self.subject.missing_mag}")
         self._subscription = subscribe(
-            probe,
+            self._id,
             topics=("raw", "event"),
             endpoint=client.endpoint,
             prefix=prefix,
@@ -134,7 +135,7 @@ class LiveSamples:
         self._subscription.close()
         for name, arguments in reversed(self._undo):
             with contextlib.suppress(ImudError):  # it may be gone
-                self._client.command(self._probe, name, **arguments)
+                self._client.command(self._id, name, **arguments)
 
     def _set_up(self) -> None:
         """Makes the probe send raw samples, all of them."""
@@ -151,7 +152,7 @@ class LiveSamples:
             self._undo.append(("stop", {}))
 
     def _do(self, name: str, arguments: dict[str, str]) -> None:
-        self._client.command(self._probe, name, **arguments)
+        self._client.command(self._id, name, **arguments)
 
     def _is_heard(self) -> bool:
         until_s = time.monotonic() + HEARD_S
@@ -192,9 +193,9 @@ class LiveSamples:
 
     def put_in_force(self, params: Params) -> None:
         """All of them or none. DeviceError if others came into force meanwhile."""
-        if self._client.params(self._probe)["digest"] != self._digest:
+        if self._client.params(self._id)["digest"] != self._digest:
             self._is_changed()
-        self._client.change_params(self._probe, params.encode(), self.subject.probe_id)
+        self._client.change_params(self._id, params.encode(), self._id)
 
 
 @dataclass(slots=True)

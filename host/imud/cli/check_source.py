@@ -54,13 +54,14 @@ class LiveMessages:
         self._client = client
         self._status = status
         self._probe = str(status["probe"])
+        self._id = str(status["probe_id"])  # which it has under every name
         self._queue: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self._undo: list[tuple[str, dict[str, str]]] = []
         topics = ["raw", "event", "status", *topics]
         if client.may("frame"):  # recorders only; it has the self-test
             topics.append("frame")
         self._unlisten = [
-            client.listen(topic, self._probe, partial(self._put, topic))
+            client.listen(topic, self._id, partial(self._put, topic))
             for topic in topics
         ]
 
@@ -111,7 +112,7 @@ class LiveMessages:
         until_s = time.monotonic() + PARAMS_S
         while True:
             try:
-                return bytes.fromhex(self._client.params(self._probe)["bytes"])
+                return bytes.fromhex(self._client.params(self._id)["bytes"])
             except ProbeUnknown:
                 if time.monotonic() > until_s:
                     raise
@@ -120,7 +121,7 @@ class LiveMessages:
     def _try(self, name: str, arguments: dict[str, str]) -> bool:
         """Whether the probe accepted it: one without a sensor may refuse."""
         try:
-            self._client.command(self._probe, name, **arguments)
+            self._client.command(self._id, name, **arguments)
         except ImudError:
             return False
         return True

@@ -13,7 +13,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from imud.client import Client
+from imud.client import Client, Delivery
 from imud.probes.path import SIGMAS, StrokePath
 
 
@@ -73,33 +73,38 @@ def listen(
     the path of each probe as one that has returned to its origin, then and whenever
     it is closed by its button or from the page.
     """
-    arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    arrived: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
     undeclare = [
-        client.subscribe(kind, probe, lambda _, payload: arrived.put(payload))
+        client.listen(kind, probe, arrived.put)
         for kind in (CLOSING if closes else ("stroke",))
     ]
+    # By id, which a probe has under every name.
     paths: defaultdict[str, StrokePath] = defaultdict(StrokePath)
+    names: dict[str, str] = {}
     until_s = time.monotonic() + seconds if seconds is not None else math.inf
     if not as_json:
         show(HEAD)
     with contextlib.suppress(KeyboardInterrupt):
         while (left_s := until_s - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):
-                payload = arrived.get(timeout=min(left_s, 1.0))
-                record = json.loads(payload)
+                delivery = arrived.get(timeout=min(left_s, 1.0))
+                record = json.loads(delivery.payload)
+                own = delivery.probe_id or delivery.probe
+                names[own] = delivery.probe
                 if record["type"] == "pose":
-                    paths[record["probe"]].add_pose(record)
+                    paths[own].add_pose(record)
                     continue
                 if record["type"] == "path":
                     show_closing(record["probe"], record, as_json=as_json)
                     continue
-                paths[record["probe"]].add_stroke(record)
+                paths[own].add_stroke(record)
                 if record["end"] != "running":
-                    show(payload.decode() if as_json else line_of(record))
+                    show(delivery.payload.decode() if as_json else line_of(record))
     for end in undeclare:
         end()
     if closes:
-        show_closed(paths, as_json=as_json)
+        named = {names[own]: path for own, path in paths.items()}
+        show_closed(named, as_json=as_json)
     return 0
 
 

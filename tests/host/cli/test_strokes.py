@@ -19,7 +19,7 @@ from chain import Chain
 from fakes import Forked
 from imud.cli import stroke_lines
 from imud.cli.stroke_lines import line_of, lines_of
-from imud.client import Client
+from imud.client import Client, Delivery
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.double_click import PathCloser
@@ -231,34 +231,38 @@ def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
         assert {key: each[key] for key in value} == value
 
 
-class Heard(deque[bytes]):
+class Heard(deque[Delivery]):
     """A queue whose user presses Ctrl-C when it is empty."""
 
     put = deque.append
 
-    def get(self, **_: float) -> bytes:
+    def get(self, **_: float) -> Delivery:
         if not self:
             raise KeyboardInterrupt
         return self.popleft()
 
 
 class Network:
-    """A client that hears these messages as soon as it subscribes."""
+    """A client that hears these messages as soon as it listens."""
 
     def __init__(self, records: list[dict[str, Any]]) -> None:
         self.records = records
 
-    def subscribe(
-        self, topic: str, _: str | None, callback: Callable[[str, bytes], None]
+    def listen(
+        self, topic: str, _: str | None, callback: Callable[[Delivery], None]
     ) -> Callable[[], None]:
         for each in self.records:
             if each["type"] == topic:
-                callback(each["probe"], json.dumps(each).encode())
+                payload = json.dumps(each).encode()
+                callback(Delivery(each["probe"], payload, "", "00112233445566aa"))
         return lambda: None
 
 
 def closed(records: list[dict[str, Any]], *, as_json: bool) -> None:
-    network = cast(Client, Network([{"probe": "stylus"} | each for each in records]))
+    """Of a probe that is renamed before the last."""
+    made = [{"probe": "point"} | each for each in records[:-1]]
+    made += [{"probe": "stylus"} | each for each in records[-1:]]
+    network = cast(Client, Network(made))
     stroke_lines.listen(network, None, None, as_json=as_json, closes=True)
 
 
