@@ -24,6 +24,7 @@ from imud.wire.messages import Message
 
 AVERAGING = 0.443  # length of a moving average times its -3 dB bandwidth
 NO_READING = -(2**15)  # on the wire
+FORCE_MAX_M_S2 = 16.0 * GRAVITY_M_S2  # what accelerometers are set to
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,8 +209,11 @@ def sampled(motion: Motion, chip: Chip = MPU9250, params: bytes = CALIBRATED) ->
     rows = wire.empty_rows("raw", count)
     rows["sequence"] = np.arange(count)
     rows["time_us"] = np.rint(times * 1e6)
+    # Converters clip before their low-pass; a recording has gone through both.
+    most = np.inf if motion.is_recorded else FORCE_MAX_M_S2
+    force = np.clip(motion.acc, -most, most)
     gyr = means(motion.gyr, motion.rate_hz, taken, *gyr_window) / chip.gyr_lsb
-    acc = means(motion.acc, motion.rate_hz, acc_taken, *acc_window) / chip.acc_lsb
+    acc = means(force, motion.rate_hz, acc_taken, *acc_window) / chip.acc_lsb
     field = values(motion.mag, felt * motion.rate_hz)
     mag = np.rint(np.rint(field / chip.mag_lsb / chip.mag_adjust) * chip.mag_adjust)
     rows["gyr"] = np.clip(np.rint(gyr), -(2**15), 2**15 - 1)

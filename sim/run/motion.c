@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+// Accelerometers are set to 16 g, where their converters clip: before the low-pass.
+#define FORCE_MAX ((float)(16.0 * STANDARD_GRAVITY))
+
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
                "the stream is read as it is");
 
@@ -20,6 +23,10 @@ static bool read_record(struct motion *motion) {
         return false;
     }
     motion->read++;
+    for (int axis = 0; axis < 3 && (motion->flags & MOTION_RECORDED) == 0; axis++) {
+        float *force = &record[3 * (int)CHIP_ACC + axis];
+        *force = fmaxf(-FORCE_MAX, fminf(FORCE_MAX, *force));
+    }
     return true;
 }
 

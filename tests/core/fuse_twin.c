@@ -166,6 +166,18 @@ static void begin_again(struct twin *t) {
     t->heading_variance = INFINITY;
 }
 
+// The bias is known this well, whatever else is known.
+static void know_bias(struct twin *t, double sigma_dps) {
+    for (int i = 0; i < STATES; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            t->motion[STATES * i + j] = t->motion[STATES * j + i] = 0;
+        }
+    }
+    for (int i = 0; i < 3; ++i) {
+        t->motion[(STATES + 1) * i] = pow(sigma_dps, 2);
+    }
+}
+
 // The mean rate at rest is the bias of one axis; the more it surprises, the less: a
 // slow turn looks like a rest.
 static void read_rest(struct twin *t) {
@@ -173,6 +185,12 @@ static void read_rest(struct twin *t) {
     const double surprise = t->rest_rate.level[axis] - t->bias[axis];
     const double off = fmin(fabs(surprise) / DEGREE, FUSE_REST_DOUBT_MAX_DPS);
     double row[STATES] = {0};
+    if (fabs(surprise) > FUSE_REST_AGAINST_DPS * DEGREE &&
+        t->settings->own_sigma_ut > FUSE_OWN_CALIBRATED_SIGMA_UT) {
+        know_bias(t, FUSE_BIAS_SIGMA_DPS);
+        t->learnt = 0;
+        t->heading_variance = INFINITY;
+    }
     row[axis] = 1;
     twin_read_motion(t, row, pow(FUSE_REST_SIGMA_DPS, 2) + FUSE_REST_DOUBT * off * off,
                      0.25, surprise);
@@ -267,14 +285,9 @@ void fuse_twin_set_accuracy(struct fuse_twin_settings *settings, bool is_calibra
 
 // A calibration at rest has found the bias, within 0.01 deg/s.
 static void take_calibration(struct twin *t, const double *bias) {
-    for (int i = 0; i < STATES; ++i) {
-        for (int j = 0; j < 3; ++j) {
-            t->motion[STATES * i + j] = t->motion[STATES * j + i] = 0;
-        }
-    }
+    know_bias(t, FUSE_BIAS_FOUND_SIGMA_DPS);
     for (int i = 0; i < 3; ++i) {
         t->bias[i] = t->calibrated[i] = bias[i];
-        t->motion[(STATES + 1) * i] = pow(FUSE_BIAS_FOUND_SIGMA_DPS, 2);
     }
     if (t->windows > 0) {
         t->windows = BEGIN_AGAIN;
@@ -298,7 +311,8 @@ static void state_errors(const struct twin *t, double *sigma_deg) {
         sqrt(pow(FUSE_HEADING_FLOOR_DEG, 2) + t->heading_variance / (DEGREE * DEGREE));
     sigma_deg[0] = has_no_tilt ? NAN : tilt;
     sigma_deg[1] = has_no_tilt || is_learning || t->doubt != PLAIN ||
-                           heading > FUSE_HEADING_FREE_DEG
+                           heading > (twin_is_unknown(t) ? FUSE_HEADING_FREE_UNKNOWN_DEG
+                                                         : FUSE_HEADING_FREE_DEG)
                        ? NAN
                        : heading;
 }

@@ -18,8 +18,8 @@ static void surprise_of(const struct twin *t, double *out) {
 static enum fuse_twin_doubt doubt_of(const struct twin *t, const double *field) {
     const double norm = twin_length(field);
     const double *known = t->settings->known_ut;
-    const double apart = fabs(hypot(field[0], field[1]) - known[0]) +
-                         fabs(field[2] - known[1]);
+    const double apart =
+        fabs(hypot(field[0], field[1]) - known[0]) + fabs(field[2] - known[1]);
     if (norm < FUSE_EARTH_MIN_UT || norm > FUSE_EARTH_MAX_UT) {
         return IMPOSSIBLE;
     }
@@ -30,9 +30,8 @@ static enum fuse_twin_doubt doubt_of(const struct twin *t, const double *field) 
 
 static void learn_place(struct twin *t, bool is_resting) {
     t->is_own_unknown = t->doubt != PLAIN || t->plain > 0;
-    const double own =
-        pow(t->is_own_unknown ? FUSE_OWN_UNKNOWN_SIGMA_UT : t->settings->own_sigma_ut,
-            2);
+    const double own = pow(
+        t->is_own_unknown ? FUSE_OWN_UNKNOWN_SIGMA_UT : t->settings->own_sigma_ut, 2);
     double away[3];
     surprise_of(t, away);
     for (int i = 0; i < STATES; ++i) {
@@ -71,8 +70,7 @@ static void read_lag(struct twin *t, const double *away) {
     t->lag_variance *= 1 - gain * square;
 }
 
-// No calibration has told the probe's own field.
-static bool is_unknown(const struct twin *t) {
+bool twin_is_unknown(const struct twin *t) {
     return t->is_own_unknown || t->settings->own_sigma_ut > FUSE_OWN_GOOD_SIGMA_UT;
 }
 
@@ -98,8 +96,8 @@ static void predict_field(struct twin *t, bool is_resting) {
                            : is_astray ? FUSE_PER_WINDOW(FUSE_OWN_WANDER_ASTRAY_UT2_S)
                                        : FUSE_PER_WINDOW(FUSE_OWN_WANDER_UT2_S);
         t->field[7 * i] =
-            fmin(t->field[7 * i], is_unknown(t) ? FUSE_FIELD_UNKNOWN_MAX_UT2
-                                                : pow(FUSE_FIELD_SIGMA_MAX_UT, 2));
+            fmin(t->field[7 * i], twin_is_unknown(t) ? FUSE_FIELD_UNKNOWN_MAX_UT2
+                                                     : pow(FUSE_FIELD_SIGMA_MAX_UT, 2));
     }
 }
 
@@ -280,7 +278,7 @@ void twin_find_heading_variance(struct twin *t) {
     const double across =
         y * y * t->field[0] - 2 * x * y * t->field[1] + x * x * t->field[7];
     const double along = t->field[0] + t->field[7] - across;
-    const double share = is_unknown(t) ? 1 : FUSE_COVARIANCE_SHARE;
+    const double share = twin_is_unknown(t) ? 1 : FUSE_COVARIANCE_SHARE;
     const double least = norm - FUSE_HEADING_WORST * sqrt(fmax(0, share * along));
     if (least < FUSE_HORIZONTAL_MIN_UT) {
         t->heading_variance = INFINITY;
@@ -288,8 +286,8 @@ void twin_find_heading_variance(struct twin *t) {
     }
     t->heading_variance =
         (FUSE_HEADING_ACROSS * pow(t->across, 2) + FUSE_HEADING_ASTRAY_UT2 * t->astray +
-         (is_unknown(t) ? across + pow(FUSE_UNCALIBRATED_SIGMA_UT, 2)
-                        : FUSE_COVARIANCE_SHARE * across) +
+         (twin_is_unknown(t) ? across + pow(FUSE_UNCALIBRATED_SIGMA_UT, 2)
+                             : FUSE_COVARIANCE_SHARE * across) +
          pow(twin_clamp(t->place[2], FUSE_FIELD_MAX_UT) * t->settings->level_sigma_deg *
                  DEGREE,
              2) /

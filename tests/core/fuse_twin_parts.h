@@ -79,6 +79,8 @@ void twin_read_motion(struct twin *t, const double *row, double noise, double un
 
 // fuse_twin_field.c
 
+// No calibration has told the probe's own field.
+bool twin_is_unknown(const struct twin *t);
 // Predicts the field and weighs the reading.
 void twin_stage_field(struct twin *t, bool is_resting);
 // A reading across the horizontal field tells by how much the heading was turned by

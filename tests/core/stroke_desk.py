@@ -41,6 +41,7 @@ ERRORS = SensorErrors(0.0856, 5.4, 0.6, 0.5, 0.0, 0.0)
 CALIBRATED = ffi.new("struct calibration *")
 lib.calibration_clear(CALIBRATED)
 CALIBRATED.gyr.matrix[0][1] = 1
+CALIBRATED.mag.sigma = 100  # 1 uT: on an uncalibrated one a slow turn is a rest
 
 
 @dataclass

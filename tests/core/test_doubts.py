@@ -122,12 +122,12 @@ def test_a_magnetometer_that_repeats_itself_is_absent_until_it_moves():
     assert not (quality["tilt_sigma_cdeg"] == ground.NOT_KNOWN)[1000:].any()
 
 
-def test_a_calibration_that_is_worse_than_2_ut_knows_no_field():
+def test_the_field_of_the_place_is_known_however_bad_the_magnetometer_is():
     calibration = ffi.new("struct calibration *", KNOWN[0])
-    for sigma, is_unlike in ((200, True), (201, False)):
+    for sigma in (200, 2500, 65535):
         calibration.mag.sigma = sigma
         quality, _ = flags_of(moved(ELSEWHERE)[: 8 * ground.RATE_HZ], calibration)
-        assert quality["is_field_unlike"].any() == is_unlike
+        assert quality["is_field_unlike"].any()
 
 
 def test_of_an_own_field_in_doubt_nothing_is_kept():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from core import hard_ground as ground
+from core.desk import G
 from core.hard_ground import poses_of
 from imud.virtual.motions.module import MG
 
@@ -59,6 +60,34 @@ def test_a_module_turned_about_one_axis_knows_what_that_does_not_show():
 def test_a_slow_turn_at_power_on_is_in_the_stated_heading():
     felt = ground.turned_slowly(3, seed=1)
     assert poses_of(felt, is_known=False).since(32, 50).honest_headings >= HONEST
+
+
+@pytest.mark.parametrize("rate_deg_s", [0.5, 0.9, 1.2])
+def test_a_turn_that_was_calibrated_as_rest_ends_with_it(rate_deg_s):
+    """The two rests contradict each other: nothing that the first told remains."""
+    felt = ground.turned_slowly(rate_deg_s, seed=2)
+    found = poses_of(felt, is_known=False).since(35, 50)
+    assert found.heading_rms_deg < 1.5
+    assert found.honest_headings >= HONEST
+
+
+def test_blows_that_clip_the_accelerometer_leave_the_level():
+    """20 a second, of which 8 g are cut off. Longer ones than 22 s leave no tilt."""
+    felt = ground.lying(10, 50)
+    for begin in range(2000, 7000, 10):
+        felt.acc[begin, 0] += 24 * G
+        felt.acc[begin + 1 : begin + 5, 0] -= 6 * G
+    found = poses_of(felt)
+    assert found.since(10).tilt_deg.max() < 0.3
+    assert found.since(10).honest_tilts >= HONEST
+    assert not np.isnan(found.since(12, 31).tilt_sigma_deg).any()
+    assert np.isnan(found.since(34, 35).tilt_sigma_deg).all()
+    assert not np.isnan(found.since(48).tilt_sigma_deg).any()
+
+
+def test_an_uncalibrated_probe_states_no_heading_beyond_22_degrees():
+    found = poses_of(ground.shop_module_turned_about_one_axis(seed=3), is_known=False)
+    assert 15 < np.nanmax(found.heading_sigma_deg) <= 22.01
 
 
 def test_a_turn_at_power_on_is_not_taken_for_a_rest():

@@ -10,7 +10,6 @@
 enum {
     STAGES = 10,         // of a window: at 100 samples a second, one a sample
     STEP_MAX_US = 7000,  // 41.4 rad/s an axis and 8 % of scale turn 0.55 rad in it
-    UNSETTLED = FUSE_WINDOWS(FUSE_UNSETTLED_S),
     FIELD_ABSENT = FUSE_WINDOWS(FUSE_FIELD_ABSENT_S),
     // Of two axes, in 1e-4 m/s2 each.
     LEVEL_SIGMA_MAX = ROUNDED(FUSE_LEVEL_SIGMA_G * GRAVITY_M_S2 * 1e4 / 1.414214),
@@ -206,7 +205,7 @@ void fuse_take(struct fuse *fuse, const struct measurement *measurement,
         ++fuse->state.clipped;
     }
     if (measurement->acc_clipped || fuse->state.clipped > 0) {
-        fuse->state.unsettled = UNSETTLED;
+        fuse->state.unsettled = FUSE_UNSETTLED;
     }
     add_to_means(fuse, measurement);
     fuse->state.warmth = measurement->warmth;

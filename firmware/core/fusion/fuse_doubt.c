@@ -9,8 +9,6 @@ enum {
     FUSE_FIELD = FUSE_IMPOSSIBLE | FUSE_UNLIKE,
     UNLIKE_PART = FUSE_UNLIKE_PART,
     PLAIN = FUSE_WINDOWS(FUSE_PLAIN_S),
-    SIGMA_MAX = ROUNDED(FUSE_OWN_CALIBRATED_SIGMA_UT * 100),  // 0.01 uT
-    OWN_CALIBRATED = ROUNDED(16 * SQUARE(FUSE_OWN_CALIBRATED_SIGMA_UT)),
 };
 
 // Squares of quarters of 1 uT.
@@ -46,8 +44,7 @@ static int16_t magnitude(int16_t value) {
 }
 
 void fuse_set_known_field(struct fuse *fuse, const struct calibration *calibration) {
-    const bool is_known = calibration->field_north != CALIBRATION_NO_FIELD &&
-                          calibration->mag.sigma <= SIGMA_MAX;
+    const bool is_known = calibration->field_north != CALIBRATION_NO_FIELD;
     fuse->settings.known_north = 0;
     fuse->settings.known_up = 0;
     if (is_known) {
@@ -115,7 +112,7 @@ void fuse_doubt_place(struct fuse *fuse, q14_18_t horizontal_ut) {
             doubt = 0;
         }
     }
-    if (fuse->settings.own_variance > OWN_CALIBRATED &&
+    if (fuse->settings.own_variance > FUSE_OWN_CALIBRATED &&
         vector_exceeds(&fuse->state.own_ut_q18, OWN_IMPOSSIBLE_Q18)) {
         doubt = FUSE_IMPOSSIBLE;
     }

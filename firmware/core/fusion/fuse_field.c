@@ -10,7 +10,6 @@ enum {
     OWN_KNOWN = ROUNDED(16 * SQUARE(FUSE_OWN_KNOWN_SIGMA_UT)),
     OWN_UNKNOWN = ROUNDED(16 * SQUARE(FUSE_OWN_UNKNOWN_SIGMA_UT)),
     OWN_GOOD = ROUNDED(16 * SQUARE(FUSE_OWN_GOOD_SIGMA_UT)),
-    OWN_CALIBRATED = ROUNDED(16 * SQUARE(FUSE_OWN_CALIBRATED_SIGMA_UT)),
     OWN_SIGMA_MAX = ROUNDED(FUSE_OWN_UNKNOWN_SIGMA_UT * 100),  // 0.01 uT
     // Number of squares of 1.28 K that add one to the variance.
     OWN_WARMTH_PART = ROUNDED(1 / (16 * SQUARE(FUSE_OWN_WARMTH_UT_K * 1.28))),
@@ -91,6 +90,9 @@ enum {
     Q_RAD2(FUSE_PER_WINDOW(FUSE_HEADING_WANDER_TURNED_DEG2_S), 39)
 #define HEADING_TURNED Q_RAD2(SQUARE(FUSE_HEADING_UNIT_DEG), 39 - 17)
 
+#define FREE_Q30 Q_RAD2(SQUARE(FUSE_HEADING_FREE_DEG), 30)
+#define FREE_UNKNOWN_Q30 Q_RAD2(SQUARE(FUSE_HEADING_FREE_UNKNOWN_DEG), 30)
+
 // One copy, whose numbers are on the stack only while it runs.
 #define NOINLINE __attribute__((noinline))
 
@@ -108,6 +110,11 @@ void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma) {
 
 bool fuse_is_own_unknown(const struct fuse *fuse) {
     return fuse->settings.own_variance > OWN_GOOD || fuse->state.is_own_unknown;
+}
+
+bool fuse_is_heading_free(const struct fuse *fuse) {
+    return fuse->state.heading_variance >
+           (fuse_is_own_unknown(fuse) ? FREE_UNKNOWN_Q30 : FREE_Q30);
 }
 
 void fuse_init_lag(struct fuse *fuse) {
@@ -437,8 +444,9 @@ void fuse_stage_field(struct fuse *fuse) {
 
 // The probe seems to have no own field, and is known to have had none.
 static bool has_no_own(const struct fuse *fuse) {
-    return fuse->settings.own_variance < OWN_CALIBRATED && !fuse_is_at_rest(fuse) &&
-           !is_astray(fuse) && !vector_exceeds(&fuse->state.own_ut_q18, OWN_NEAR_Q18);
+    return fuse->settings.own_variance < FUSE_OWN_CALIBRATED &&
+           !fuse_is_at_rest(fuse) && !is_astray(fuse) &&
+           !vector_exceeds(&fuse->state.own_ut_q18, OWN_NEAR_Q18);
 }
 
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {

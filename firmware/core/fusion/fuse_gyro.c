@@ -44,6 +44,7 @@ enum {
 #define MOTION_DRIFT Q_DEG2(FUSE_MOTION_DRIFT_S / LOOK_S / 512, 0)
 #define MOTION_DRIFT_MAX_Q30 Q_RAD2(FUSE_MOTION_DRIFT_MAX_DPS2, 30)
 #define REST_NOISE BIAS_VARIANCE(SQUARE(FUSE_REST_SIGMA_DPS))
+#define REST_AGAINST_Q25 Q_RAD(FUSE_REST_AGAINST_DPS, 25)
 #define REST_DOUBT_Q25 Q_RAD(FUSE_REST_DOUBT_MAX_DPS, 25)
 // The square of a surprise, (rad/s)^2 q34, as its noise.
 #define REST_DOUBT Q_DEG2(FUSE_REST_DOUBT / 512, 0)
@@ -274,6 +275,12 @@ void fuse_stage_rest(struct fuse *fuse) {
     }
     const int32_t surprise =
         fuse->state.rest_rate.level.axis[axis] - fuse->state.bias_rad_s_q25.axis[axis];
+    if (fixed_magnitude(surprise) > (uint32_t)REST_AGAINST_Q25 &&
+        fuse->settings.own_variance > FUSE_OWN_CALIBRATED) {
+        // In it the field seemed to turn, or not to.
+        set_variances(fuse, 0, SCALE, BIAS_VARIANCE_MAX);
+        fuse_forget_place(fuse);
+    }
     // A slow turn looks like a rest: the farther the rate, the less it tells.
     const int32_t off = fixed_scale_up(fixed_clamp(surprise, REST_DOUBT_Q25), 7);
     row[axis] = FUSE_Q2_14_ONE;
@@ -291,7 +298,7 @@ void fuse_stage_motion(struct fuse *fuse) {
     const struct fuse_tilt *tilt = &fuse->state.tilt[axis];
     int16_t *drift = &fuse->state.drift_q18[axis];
     q2_14_t row[FUSE_MOTION_STATES];
-    if (fuse->state.windows <= FUSE_LEVEL_SETTLE || fuse->state.unsettled > 0) {
+    if (fuse->state.windows <= FUSE_LEVEL_SETTLE || fuse_is_force_hidden(fuse)) {
         return;
     }
     const int32_t surprise = fixed_clamp(tilt->corrected_rad_s + tilt->taken_off.level -
@@ -305,7 +312,7 @@ void fuse_stage_motion(struct fuse *fuse) {
         fixed_add(fixed_divide(square - fuse->state.drift_square, DRIFT_SQUARE_LOOKS),
                   &fuse->state.drift_square);
     }
-    if (!fuse_is_at_rest(fuse)) {
+    if (!fuse_is_at_rest(fuse) && fuse->state.unsettled == 0) {
         memcpy(row, tilt->regressor.level, sizeof tilt->regressor.level);
         to_units(row);
         row[HEADING] = 0;

@@ -45,8 +45,9 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
     fixed_add(fixed_times(fuse_leaning(fuse, fuse->state.drift_square),
                           HEADING_LEANING_TWICE),
               &total_q19);
-    fixed_add(2 * fixed_divide(fuse_leaning(fuse, fuse_level_variance(fuse)),
-                               FUSE_LEVEL_SHARE),
+    const q2_30_t level = fuse->settings.level_variance;
+    fixed_add(2 * fuse_leaning(fuse, fuse_level_variance(fuse) - level +
+                                         fixed_divide(level, FUSE_LEVEL_SHARE)),
               &total_q19);
     const int32_t mean_square =
         fixed_square_q30(fixed_scale_up(fuse->state.across_mean, 6));

@@ -17,6 +17,9 @@
 // A correction, rad a window as q2_30, to rad/s q7_25.
 #define TILTING_GAIN_Q14 Q14(1 / FUSE_WINDOW_S / 32)
 
+#define HIDDEN_DRIFT_Q30 Q_RAD2(SQUARE(FUSE_HIDDEN_DRIFT_DPS), 30)
+#define HIDDEN_MOST_Q30 Q_RAD2(SQUARE(FUSE_HIDDEN_MOST_DPS), 30)
+
 const IN_FLASH struct lowpass_gain fuse_level_gain =
     LOWPASS_GAIN(FUSE_WINDOW_S, FUSE_LEVEL_TAU_S);
 
@@ -100,6 +103,16 @@ void fuse_stage_level(struct fuse *fuse) {
         const int32_t mean = fixed_mul_at(sum, &fuse->coefficients.share);
         force.axis[axis] = fixed_clamp(mean, FORCE_LIMIT_Q13) * 256;
         *sum = 0;
+    }
+    if (fuse->state.windows > FUSE_LEVEL_SETTLE && fuse_is_force_hidden(fuse)) {
+        fuse->state.tilt[0].corrected_rad_s = 0;
+        fuse->state.tilt[1].corrected_rad_s = 0;
+        fuse->state.drift_square += HIDDEN_DRIFT_Q30;
+        if (fuse->state.drift_square > HIDDEN_MOST_Q30) {
+            fuse->state.drift_square = HIDDEN_MOST_Q30;
+            fuse->state.doubts |= FUSE_FORCE;
+        }
+        return;
     }
     lowpass_step(&fuse->state.force, &fuse_level_gain, &force, fuse->state.windows);
     follow_gravity(fuse);

@@ -28,6 +28,9 @@
 #define FUSE_GRAVITY_MAX_M_S2 17.6  // simulated centrifuges stay within them
 #define FUSE_LEVEL_SIGMA_G 0.06     // error of the force where nothing is calibrated
 #define FUSE_UNSETTLED_S 10.0       // after lost motion, levelling says nothing of bias
+#define FUSE_HIDDEN_WINDOWS 2       // from a clipped force on, gravity is where it was,
+#define FUSE_HIDDEN_DRIFT_DPS 0.02  // by so much less sure in each,
+#define FUSE_HIDDEN_MOST_DPS 0.3    // and from here on not known
 #define FUSE_CLIPPED_LOST 4  // clipped samples in a window that lose the attitude
 #define FUSE_INTERVAL_MAX_US 60000  // integrated between two samples, in nine steps
 
@@ -45,7 +48,9 @@
 #define FUSE_BIAS_WANDER_DPS2_S 1.5e-4  // growth of the variance, once warm; fitted
 #define FUSE_WARMING_DPS2_S 5e-4        // what start-up adds to that; fitted
 #define FUSE_WARMING_TAU_S 25.6         // time in which that addition decays
-#define FUSE_REST_SIGMA_DPS 0.03     // noise of a mean rate at rest; VQF, biasSigmaRest
+#define FUSE_REST_SIGMA_DPS 0.03  // noise of a mean rate at rest; VQF, biasSigmaRest
+// Of two rests whose rates differ by more, one was a turn.
+#define FUSE_REST_AGAINST_DPS 0.2
 #define FUSE_REST_DOUBT 0.78         // share of a surprise's square added to the noise
 #define FUSE_REST_DOUBT_MAX_DPS 4.0  // limit of the surprise in that; fitted
 #define FUSE_REST_SURPRISE_MAX_RAD_S 4.0
@@ -104,7 +109,7 @@
 #define FUSE_FIELD_MAX_UT 60.0       // where only an error of tilt or heading counts
 #define FUSE_FIELD_SIGMA_MAX_UT 9.0  // of an axis
 #define FUSE_FIELD_UNKNOWN_MAX_UT2 460.0  // its square on an uncalibrated probe
-#define FUSE_PLACE_SIGMA_UT 0.5           // of the first mean at rest
+#define FUSE_PLACE_SIGMA_UT 1.5           // of the first mean at rest
 #define FUSE_PLACE_MOVING_SIGMA_UT 3.0    // in addition, if there was no rest
 #define FUSE_PLACE_WANDER_UT2_S 0.024     // growth of the variance
 #define FUSE_PLACE_SPREAD_MAX_UT2 60.0    // limit to what heading errors add to it
@@ -169,6 +174,7 @@
 #define FUSE_UNCALIBRATED_SIGMA_UT 1.5  // what soft iron adds on another
 #define FUSE_LEVEL_SHARE                                                               \
     3  // divides the level's variance: most looks like an own field
-#define FUSE_HEADING_FREE_DEG 30.0  // above it no heading is stated
+#define FUSE_HEADING_FREE_DEG 30.0  // above it no heading is stated, nor above this
+#define FUSE_HEADING_FREE_UNKNOWN_DEG 22.0  // where no calibration told the own field
 
 #endif

@@ -27,6 +27,9 @@ enum {
     FUSE_FIELD_UNIT = ROUNDED(FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 64),
     FUSE_FIELD_ASTRAY = Q16(FUSE_ASTRAY_SHARE) - 1,  // the AVR's int ends at 32767
     FUSE_Q2_14_ONE = 16384,
+    FUSE_UNSETTLED = FUSE_WINDOWS(FUSE_UNSETTLED_S),
+    // Of the own field, 16ths of 1 uT2: above it, it was not calibrated.
+    FUSE_OWN_CALIBRATED = ROUNDED(16 * SQUARE(FUSE_OWN_CALIBRATED_SIGMA_UT)),
 };
 
 // The units of motion_covariance: bias in 4ths of 1 deg/s, scales in 500ths, that is in
@@ -36,7 +39,6 @@ enum {
 #define FUSE_HEADING_UNIT_DEG 4
 
 #define FUSE_HEADING_VARIANCE_MAX_Q30 Q2_30_ONE  // (57 deg)^2
-#define FUSE_HEADING_FREE_Q30 Q_RAD2(SQUARE(FUSE_HEADING_FREE_DEG), 30)
 
 // Why errors are withheld: the upper half of a pose's flags.
 enum fuse_doubt {
@@ -52,8 +54,9 @@ static inline bool fuse_is_at_rest(const struct fuse *fuse) {
     return fuse->state.rest_looks == FUSE_REST_LOOKS;
 }
 
-static inline bool fuse_is_heading_free(const struct fuse *fuse) {
-    return fuse->state.heading_variance > FUSE_HEADING_FREE_Q30;
+// What clipped in this window, or in the one before it, hides the force.
+static inline bool fuse_is_force_hidden(const struct fuse *fuse) {
+    return fuse->state.unsettled >= FUSE_UNSETTLED - FUSE_HIDDEN_WINDOWS;
 }
 
 // Bias at rest and the probe's own field in motion are read by one axis a window.
@@ -119,6 +122,8 @@ void fuse_doubt_place(struct fuse *fuse, q14_18_t horizontal_ut);
 void fuse_init_lag(struct fuse *fuse);
 // Nothing tells how large the probe's own field is.
 bool fuse_is_own_unknown(const struct fuse *fuse);
+// The heading's error is too large to be stated.
+bool fuse_is_heading_free(const struct fuse *fuse);
 // How well the probe's own field is known: `sigma` of a calibration, 0.01 uT.
 void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma);
 // The mean of the readings since the last call is the reading of this window.
