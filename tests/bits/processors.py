@@ -101,8 +101,8 @@ def build(processor: Processor) -> Path:
     sources = [file for file in core if processor.portable or file.stem != "fixed_mul"]
     return images.program(
         *command(processor),
-        # Recordings of every sensor; that of a Nano has no lag of its own.
-        "-UPOSE_WITHOUT_MAG_LAG",
+        # Recordings of every sensor; that of a Nano has no lag of its own. No board.
+        *("-UPOSE_WITHOUT_MAG_LAG", "-UPORTS_FIXED"),
         *(ROOT / "tests" / "bits" / "main.c", *sources, *sorted(own)),
     )
 
