@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -193,17 +194,17 @@ def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(
     assert page.locator(".protocol tbody tr").count() == 1
 
 
-def downloaded(page: Page) -> Path:
+def downloaded(page: Page, button: str = "MCAP") -> Path:
     """The file that the button gives."""
     with page.expect_download() as saved:
-        page.get_by_role("button", name="Download").click()
+        page.get_by_role("button", name=button).click()
     return Path(saved.value.path())
 
 
 def test_a_log_that_grows_keeps_its_buttons(shown: Seen) -> None:
     page = shown.page
     page.get_by_role("link", name="Probes").click()
-    button = page.get_by_role("button", name="Download").element_handle()
+    button = page.get_by_role("button", name="MCAP").element_handle()
     about = page.locator("[data-log]").locator("xpath=../..").locator("span span")
     before = about.inner_text()
     button.focus()
@@ -222,6 +223,10 @@ def test_all_probes_are_listed_with_their_ledger(shown: Seen, desk: Desk) -> Non
     log = downloaded(shown.page).read_bytes()
     assert len(log) > 1000
     assert desk.daemon.log.read_bytes().startswith(log)
+    with zipfile.ZipFile(downloaded(shown.page, "CSV")) as tables:
+        (poses,) = (name for name in tables.namelist() if "-pose" in name)
+        (head, *rows) = csv.reader(io.StringIO(tables.read(poses).decode()))
+        assert rows[0][head.index("q_w")] == "1.0"
 
 
 def test_a_download_ends_though_the_log_grows_faster(shown: Seen) -> None:

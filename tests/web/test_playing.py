@@ -4,8 +4,12 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
+import io
 import json
+import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +23,7 @@ from imud.web.logs import LogFolder
 from imud.web.player import PAYLOAD_MAX, Schedule, line_of
 from imud.web.playing import PLAYERS_MAX
 from imud.web.users import TokenHolder
+from streaming import until
 from web.served import Live, Served
 
 COUNT = 200  # messages in 2 s
@@ -209,6 +214,32 @@ def test_what_is_no_log_is_not_played(log: Path) -> None:
         assert browser.next("answer")["error"] == "there is no such log"
 
 
+def test_the_tables_of_a_log_are_there_until_the_browser_leaves(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables = tmp_path / "tables"
+    tables.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tables))
+    (log.parent / "no.mcap").write_bytes(b"no log")
+    served = Served(logs=LogFolder(log.parent))
+    with contextlib.closing(served.page), served.live() as browser:
+        browser.say(do="export", id=1, name="no.mcap")
+        assert "no.mcap" in browser.next("answer")["error"]
+        browser.say(do="export", id=2, name=log.name)
+        browser.say(do="export", id=3, name=log.name)
+        assert "are being made" in browser.next("answer")["error"]
+        made = browser.next("answer")["answer"]
+        browser.say(do="read", id=4, name=made["name"], offset=0)
+        data = base64.b64decode(browser.next("answer")["answer"])
+        assert len(data) == made["bytes"]
+        with zipfile.ZipFile(io.BytesIO(data)) as found:
+            (poses,) = (name for name in found.namelist() if "-pose" in name)
+            published = [r for r in log_files.records(COUNT) if r.topic == "pose"]
+            assert len(found.read(poses).splitlines()) == 1 + len(published)
+        browser.say(do="export", id=5, name=log.name)
+    until(lambda: not [*tables.iterdir()])
+
+
 def test_an_operator_plays_no_log(log: Path) -> None:
     users = TokenHolder("operator")
     served = Served(users, LogFolder(log.parent))
@@ -216,7 +247,9 @@ def test_an_operator_plays_no_log(log: Path) -> None:
         browser.say(do="login", user="", secret=users.token)
         browser.say(do="play", id=1, name=log.name)
         assert browser.next("answer")["error"] == "your role may not read logs"
-        assert served.page.refused == {"role": 1}
+        browser.say(do="export", id=2, name=log.name)
+        assert browser.next("answer")["error"] == "your role may not read logs"
+        assert served.page.refused == {"role": 2}
 
 
 def test_only_so_many_logs_are_played_at_a_time(log: Path) -> None:

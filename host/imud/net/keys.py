@@ -229,7 +229,7 @@ def run_renew(folder: Path) -> int:
 
 def run_remove(folder: Path, user: str) -> int:
     remove(folder, user)
-    sys.stdout.write(f"{user} can't connect any longer, {RELOAD}\n")
+    sys.stdout.write(f"{user} is disconnected and refused, {RELOAD}\n")
     return 0
 
 

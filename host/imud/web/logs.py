@@ -40,7 +40,12 @@ class LogFolder:
         return self._folder / name
 
     def read(self, name: str, offset: int) -> bytes:
-        """At most CHUNK_BYTES of a log; OSError if there is no such file."""
-        with self.path(name).open("rb") as file:
-            file.seek(offset)
-            return file.read(CHUNK_BYTES)
+        """A part of a log; OSError if there is no such file."""
+        return part_of(self.path(name), offset)
+
+
+def part_of(path: Path, offset: int) -> bytes:
+    """At most CHUNK_BYTES of a file."""
+    with path.open("rb") as file:
+        file.seek(offset)
+        return file.read(CHUNK_BYTES)

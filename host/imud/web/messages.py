@@ -88,6 +88,13 @@ class Read(_Message, frozen=True):
     offset: Annotated[int, Meta(ge=0, le=1 << 50)]
 
 
+class Export(_Message, frozen=True):
+    """Makes the tables of a log; the answer has the name of a file to `read`."""
+
+    id: int
+    name: Name
+
+
 class Ports(_Message, frozen=True):
     """Asks for the serial ports of the daemon's machine."""
 
@@ -132,6 +139,7 @@ BrowserMessage = (
     | Update
     | Logs
     | Read
+    | Export
     | Ports
     | Adopt
     | Play

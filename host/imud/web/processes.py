@@ -16,12 +16,13 @@ LINE_MAX = 1 << 20
 Process = asyncio.subprocess.Process
 
 
-async def start(module: str, *arguments: str) -> Process:
-    """Runs a module of ours."""
+async def start(module: str, *arguments: str, stderr: int | None = None) -> Process:
+    """Runs a module. `stderr`: as of asyncio; None: the daemon's own."""
     return await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", module, *arguments),
         stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
+        stderr=stderr,
         limit=LINE_MAX,
     )
 

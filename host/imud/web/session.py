@@ -17,11 +17,12 @@ from imud.web.browser import Browser
 from imud.web.connections import Connections
 from imud.web.feed import CALIBRATION, Feed
 from imud.web.guide import GuideError, Guides
-from imud.web.logs import LogFolder
+from imud.web.logs import LogFolder, part_of
 from imud.web.messages import (
     Adopt,
     Ask,
     Calibrate,
+    Export,
     GoLive,
     Login,
     Logs,
@@ -35,6 +36,7 @@ from imud.web.messages import (
     decode,
 )
 from imud.web.playing import Players, Playing
+from imud.web.tables import Tables
 from imud.web.updater import UpdateError, Updates
 from imud.web.users import NOTHING, Grant, Users
 
@@ -95,6 +97,8 @@ class BrowserSession:
         self._failed_logins = 0
         self._asking = 0
         self._playing: Playing | None = None
+        self._tables: Tables | None = None
+        self._exporting: asyncio.Task[None] | None = None
         self.browser = browser
         self._user = ""
         self._number = number
@@ -146,6 +150,8 @@ class BrowserSession:
             await self._play(request)
         elif isinstance(request, Seek):
             self._seek(request)
+        elif isinstance(request, Export):
+            self._begin_export(request)
         elif isinstance(request, GoLive):
             await self._go_live()
         elif isinstance(request, Ports | Adopt):
@@ -155,6 +161,14 @@ class BrowserSession:
 
     async def close(self) -> None:
         """The browser has left."""
+        await self._stop_playing()
+        if self._exporting is not None:
+            self._exporting.cancel()
+            await asyncio.wait([self._exporting])
+        if self._tables is not None:
+            self._tables.remove()
+
+    async def _stop_playing(self) -> None:
         if self._playing is not None:
             await self._playing.stop()
 
@@ -175,7 +189,7 @@ class BrowserSession:
         if self._playing is not None and self._playing.name == request.name:
             self._playing.set_speed(request.speed)
         else:
-            await self.close()
+            await self._stop_playing()
             self._playing = Playing(path, request.speed, self.browser, players)
             self.browser.play(is_playing=True)
             self.admit(self._grant)
@@ -189,7 +203,7 @@ class BrowserSession:
             self._say_answer(request.id, b"true", "")
 
     async def _go_live(self) -> None:
-        await self.close()
+        await self._stop_playing()
         self._playing = None
         self.browser.play(is_playing=False)
         self.admit(self._grant)
@@ -209,7 +223,39 @@ class BrowserSession:
             if isinstance(request, Logs):
                 value: Any = await asyncio.to_thread(logs.files)
             else:  # bytes become base64 in JSON
-                value = await asyncio.to_thread(logs.read, request.name, request.offset)
+                value = await asyncio.to_thread(
+                    self._part, logs, request.name, request.offset
+                )
+        except OSError as error:
+            self._say_answer(request.id, b"", error.strerror or "it can't be read")
+        else:
+            self._say_answer(request.id, msgspec.json.encode(value), "")
+
+    def _part(self, logs: LogFolder, name: str, offset: int) -> bytes:
+        tables = self._tables
+        if tables is not None and tables.name == name and tables.path is not None:
+            return part_of(tables.path, offset)
+        return logs.read(name, offset)
+
+    def _begin_export(self, request: Export) -> None:
+        is_busy = self._exporting is not None and not self._exporting.done()
+        if not self._has_logs():
+            self._refuse(request.id, "role", NO_LOGS)
+        elif is_busy or self._context.players.is_full:
+            self._refuse(request.id, "busy", "tables are being made; try again later")
+        else:
+            self._exporting = self._loop.create_task(self._export(request))
+
+    async def _export(self, request: Export) -> None:
+        logs = self._context.logs
+        try:
+            if logs is None:
+                raise FileNotFoundError(NO_LOGS)
+            path = await asyncio.to_thread(logs.path, request.name)
+            if self._tables is not None:
+                self._tables.remove()
+            self._tables = tables = Tables(path, self._context.players)
+            value = {"name": tables.name, "bytes": await tables.make()}
         except OSError as error:
             self._say_answer(request.id, b"", error.strerror or "it can't be read")
         else:

@@ -128,6 +128,15 @@ export class Link extends EventTarget {
     return this._request({ do: "logs" });
   }
 
+  /**
+   * Has the tables of a log made, in a file that can be read as a log is.
+   * @param {string} name
+   * @returns {Promise<{ name: string, bytes: number }>}
+   */
+  tables(name) {
+    return this._request({ do: "export", name });
+  }
+
   /** @returns {Promise<{ port: string, kind: string, standing: string, is_opened: boolean, why: string, held_by: string[] }[]>} */
   ports() {
     return this._request({ do: "ports" });

@@ -59,17 +59,18 @@ export class LogList {
    */
   _row(name) {
     const about = make("span", {});
-    const button = make(
+    const log = make("button", { "data-log": name, onclick: () => this._loadLog(name, log) }, "MCAP");
+    const tables = make(
       "button",
-      { "data-log": name, onclick: () => this._load(name, button) },
-      "Download",
+      { "data-tables": name, onclick: () => this._loadTables(name, tables) },
+      "CSV",
     );
     const play = make("button", { "data-play": name, onclick: () => this._play(name) }, "Play");
     const element = make(
       "li",
       {},
       make("span", {}, name, make("br"), about),
-      make("div", { class: "row" }, play, button),
+      make("div", { class: "row" }, play, tables, log),
     );
     return { element, about };
   }
@@ -89,19 +90,43 @@ export class LogList {
   }
 
   /**
-   * Fetches a log part by part: of one that is being written what it has at the start,
-   * because it may grow faster than its parts come.
+   * Of a log that is being written, fetches what it has at the start, because it may
+   * grow faster than its parts come.
    * @param {string} name
    * @param {HTMLButtonElement} button
    */
-  async _load(name, button) {
+  async _loadLog(name, button) {
+    await this._load(name, button, async () => {
+      const files = await this._model.link.logs();
+      return { name, bytes: files.find((file) => file.name === name)?.bytes ?? 0 };
+    });
+  }
+
+  /**
+   * @param {string} log
+   * @param {HTMLButtonElement} button
+   */
+  async _loadTables(log, button) {
+    await this._load(log, button, async () => {
+      say(button, "Making tables\u2026");
+      return this._model.link.tables(log);
+    });
+  }
+
+  /**
+   * Fetches a file part by part.
+   * @param {string} about the log
+   * @param {HTMLButtonElement} button
+   * @param {() => Promise<{ name: string, bytes: number }>} find
+   */
+  async _load(about, button, find) {
     const { link } = this._model;
     const parts = [];
+    const label = button.textContent ?? "";
     let offset = 0;
     button.disabled = true;
     try {
-      const files = await link.logs();
-      const end = files.find((file) => file.name === name)?.bytes ?? 0;
+      const { name, bytes: end } = await find();
       do {
         const part = await link.read(name, offset);
         if (part.length === 0) {
@@ -113,9 +138,9 @@ export class LogList {
       } while (offset < end);
       save(name, new Blob(parts));
     } catch (error) {
-      tell(`${name}: ${error instanceof Error ? error.message : error}`, true);
+      tell(`${about}: ${error instanceof Error ? error.message : error}`, true);
     }
     button.disabled = false;
-    say(button, "Download");
+    say(button, label);
   }
 }
