@@ -8,6 +8,7 @@ angles_deg() and matrix_rows() convert one attitude for display.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -26,6 +27,11 @@ IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
 # Closer to the vertical than this, x is taken as vertical: pitch is a quarter turn,
 # roll is 0. web/site/rotation.js has the same value.
 GIMBAL_LOCK_RAD = 1e-5
+
+
+# Of plain numbers, for which numpy takes ten times as long, and of arrays.
+_ONE = (math.atan2, math.hypot, lambda is_so, one, other: one if is_so else other)
+_MANY = (np.arctan2, np.hypot, np.where)
 
 
 def multiply(left: FloatArray, right: FloatArray) -> FloatArray:
@@ -124,22 +130,23 @@ def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
     with x down, roll with y up. Yaw and roll in [-pi, pi), pitch in [-pi/2, pi/2].
     """
     w, x, y, z = components(quat)
+    atan2, hypot, where = _ONE if quat.ndim == 1 else _MANY
     # Of q = q_z(yaw) q_y(pitch) q_x(roll): (w - y, x + z) is sqrt(1 - sin pitch) long
     # and has the angle (yaw + roll) / 2, (w + y, z - x) is sqrt(1 + sin pitch) long and
     # has the angle (yaw - roll) / 2. Only one of them gets short near the lock.
-    half_sum = np.arctan2(x + z, w - y)
-    half_difference = np.arctan2(z - x, w + y)
-    sum_length = np.hypot(x + z, w - y)
-    difference_length = np.hypot(z - x, w + y)
-    lock = GIMBAL_LOCK_RAD / np.sqrt(2.0)
+    half_sum = atan2(x + z, w - y)
+    half_difference = atan2(z - x, w + y)
+    sum_length = hypot(x + z, w - y)
+    difference_length = hypot(z - x, w + y)
+    lock = GIMBAL_LOCK_RAD / math.sqrt(2.0)
     is_down = sum_length < lock
     is_up = difference_length < lock
-    half_sum = np.where(is_down, half_difference, half_sum)
-    half_difference = np.where(is_up, half_sum, half_difference)
-    pitch = np.arctan2(2.0 * (w * y - z * x), sum_length * difference_length)
-    pitch = np.where(is_down, np.pi / 2, np.where(is_up, -np.pi / 2, pitch))
+    half_sum = where(is_down, half_difference, half_sum)
+    half_difference = where(is_up, half_sum, half_difference)
+    pitch = atan2(2.0 * (w * y - z * x), sum_length * difference_length)
+    pitch = where(is_down, np.pi / 2, where(is_up, -np.pi / 2, pitch))
     yaw, roll = half_sum + half_difference, half_sum - half_difference
-    return _joined(_wrapped(yaw), pitch, _wrapped(roll))
+    return _joined(_wrapped(yaw, where), pitch, _wrapped(roll, where))
 
 
 def to_aerospace(quat: FloatArray) -> FloatArray:
@@ -147,7 +154,8 @@ def to_aerospace(quat: FloatArray) -> FloatArray:
     ahead, y right, z down. Yaw from north to east, pitch with x up, roll with y down.
     """
     yaw, pitch, roll = components(to_yaw_pitch_roll(quat))
-    return _joined(_wrapped(np.pi / 2 - yaw), -pitch, roll)
+    where = (_ONE if quat.ndim == 1 else _MANY)[2]
+    return _joined(_wrapped(np.pi / 2 - yaw, where), -pitch, roll)
 
 
 def to_nectec(quat: FloatArray) -> FloatArray:
@@ -216,11 +224,11 @@ def from_matrix(matrix: FloatArray) -> FloatArray:
     return np.asarray(row / np.linalg.norm(row, axis=-1, keepdims=True))
 
 
-def _wrapped(angle_rad: FloatArray) -> FloatArray:
+def _wrapped(angle_rad: Any, where: Callable[..., Any]) -> Any:
     """The same angle in [-pi, pi)."""
-    wrapped = np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi
+    wrapped = (angle_rad + np.pi) % (2.0 * np.pi) - np.pi
     # The remainder of a tiny negative number rounds to the whole turn.
-    return np.where(wrapped >= np.pi, -np.pi, wrapped)
+    return where(wrapped >= np.pi, -np.pi, wrapped)
 
 
 def interpolate(

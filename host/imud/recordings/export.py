@@ -8,6 +8,7 @@ import csv
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,10 +20,18 @@ from imud.log.reader import Logged
 from imud.probes.signs import Signs
 from imud.recordings.damage import DamageCount
 from imud.recordings.each_log import each_of, items_of, tell_flaws
-from imud.rotation import Quat
+from imud.rotation import Quat, angles_deg
 
 # The columns of each topic, in order: a key of the JSON, or the parts of its value.
-_TIMES = ("t_ns", "t_bound_us", "age_us", "utc_host", "utc_bound_us", "t_device_us")
+_TIMES = (
+    "t_ns",
+    "time_utc",
+    "t_bound_us",
+    "age_us",
+    "utc_host",
+    "utc_bound_us",
+    "t_device_us",
+)
 _HEAD = {key: (key,) for key in (*_TIMES, "seq", "number", "missing")}
 
 
@@ -43,6 +52,7 @@ _SINCE = ("heading_sigma_deg", "tilt_sigma_deg", "age_s", "void")
 # Where a probe was, and how far that may be wrong.
 _POSE = {
     "q": parts_of("q", "wxyz"),
+    "angles_deg": ("yaw_deg", "pitch_deg", "roll_deg"),
     "position_m": parts_of("position_m"),
     "normal": parts_of("normal"),
     "tilt_sigma_deg": ("tilt_sigma_deg",),
@@ -75,14 +85,16 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "path_sigma_m": parts_of("path_sigma_m"),
         "flags": ("flags",),
     },
-    "command": _named("t_ns", "command", "by"),
+    "command": _named("t_ns", "time_utc", "command", "by"),
     "mark": {
-        **_named("t_ns", "value", "text", "t_pose_ns", "t_device_us", "number"),
+        **_named(
+            "t_ns", "time_utc", "value", "text", "t_pose_ns", "t_device_us", "number"
+        ),
         **_POSE,
         "position_sigma_m": ("position_sigma_m",),
     },
     "status": _named(
-        "t_ns",
+        *("t_ns", "time_utc"),
         "state",
         "port",
         "pose_rate_hz",
@@ -101,6 +113,7 @@ _WORDS = frozenset(
     {
         *("flags", "event", "cause", "end", "state", "port", "reason", "utc_host"),
         *("log.state", "twin.state", "since_origin.void", "text", "command", "by"),
+        "time_utc",
     }
 )
 _INTEGERS = frozenset(
@@ -117,6 +130,8 @@ _INTEGERS = frozenset(
 
 # The range of an integer column, and of the integers that a double holds exactly.
 _INT64, _EXACT = 1 << 63, 1 << 53
+
+UTC_LEAST_S = 946_684_800  # the year 2000: a time before it is since a start
 
 GROUP = 16384  # rows in a Parquet group: more than a minute of one probe
 
@@ -280,6 +295,9 @@ def _export(
                     tables[file] = make(file, item.topic)
                 if item.topic == "pose":
                     _steady(fields, signs[item.probe])
+                if "q" in fields:
+                    _add_angles(fields)
+                _add_time(fields)
                 tables[file].add(row_of(item.topic, fields))
             is_done = True
         finally:
@@ -307,6 +325,22 @@ def _steady(pose: dict[str, Any], signs: Signs) -> None:
         q = msgspec.convert(pose["q"], Quat, strict=True)
         t_us = msgspec.convert(pose["t_device_us"], float)
         pose["q"] = [*signs.steady(q, t_us)]
+
+
+def _add_angles(fields: dict[str, Any]) -> None:
+    """The nautical angles of its quaternion, if it is one."""
+    with contextlib.suppress(msgspec.ValidationError):
+        q = msgspec.convert(fields["q"], Quat, strict=True)
+        fields["angles_deg"] = [*angles_deg(q, "nautical")]
+
+
+def _add_time(fields: dict[str, Any]) -> None:
+    """Its time as people and spreadsheets read it. A capture has the probe's alone."""
+    with contextlib.suppress(KeyError, TypeError, ValueError, OverflowError, OSError):
+        seconds, ns = divmod(fields["t_ns"], 10**9)
+        if seconds >= UTC_LEAST_S:
+            time = datetime.fromtimestamp(seconds, UTC)
+            fields["time_utc"] = f"{time:%Y-%m-%dT%H:%M:%S}.{ns // 1000:06d}Z"
 
 
 def _fields_of(item: Logged) -> dict[str, Any] | None:

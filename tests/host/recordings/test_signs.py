@@ -120,4 +120,5 @@ def test_segments_are_on_one_side_over_gaps(tmp_path: Path) -> None:
 def test_no_key_of_a_message_is_left_out_of_its_table(topic: str) -> None:
     # The file's name has these.
     wanted = {*HEAD, *JSON_SCHEMAS[topic]["properties"]} - {"type", "probe"}
+    wanted |= {"time_utc", "angles_deg"} if topic == "pose" else {"time_utc"}
     assert {key.split(".")[0] for key in COLUMNS[topic]} == wanted

@@ -7,14 +7,19 @@ import csv
 import io
 import json
 import sys
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pyarrow import parquet
 
 from imud import cli
 from imud.probes.record import Record
+from imud.rotation import from_heading_pitch_roll
 from log_files import PERIOD_NS, records, write
+
+EPOCH = datetime.fromtimestamp(0, UTC)
 
 
 def test_info_tells_probes_times_rates_and_losses(
@@ -60,7 +65,12 @@ def test_csv_holds_each_value_once(
         for row, record in zip(rows, wanted, strict=True):
             assert int(row["t_ns"]) == record["t_ns"]
             assert int(row["seq"]) == record["seq"]
+            since = datetime.fromisoformat(row["time_utc"]) - EPOCH
+            assert since // timedelta(microseconds=1) == record["t_ns"] // 1000
             if topic == "pose":
+                angles = [float(row[f"{n}_deg"]) for n in ("yaw", "pitch", "roll")]
+                turned = from_heading_pitch_roll(*np.radians(angles))
+                assert abs(turned @ np.array(record["q"])) == pytest.approx(1)
                 assert [float(row[f"q_{n}"]) for n in "wxyz"] == list(record["q"])
                 assert (row["position_x_m"], row["flags"]) == ("", "at_rest")
     assert cli.main(["export", str(path), "--to", "csv", "--out", str(out)]) == 1
