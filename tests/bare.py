@@ -8,7 +8,6 @@ import functools
 import json
 import re
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +17,7 @@ import pytest
 
 import images
 import native
+from programs import ran
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "tests" / "sim" / "f405"
@@ -72,12 +72,7 @@ def _run(program: str, folder: Path, *more: str, code: int) -> Output:
     record, summary = folder / "bytes", folder / "summary.json"
     command: list[str | Path] = [emulator(), "--image", image(program)]
     command += ["--record", record, "--summary", summary, *more]
-    done = subprocess.run(
-        command,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(*command)
     assert done.returncode == code, done.stderr
     data = record.read_bytes()
     return Output(parse(data), data, json.loads(summary.read_text()), done.stderr)
@@ -85,12 +80,7 @@ def _run(program: str, folder: Path, *more: str, code: int) -> Output:
 
 def refused(program: str, *more: str) -> str:
     """Run a program with options that are a mistake. Return what it says of them."""
-    done = subprocess.run(
-        [emulator(), "--image", image(program), *more],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(emulator(), "--image", image(program), *more)
     assert done.returncode == 2, done.stderr
     return done.stderr
 

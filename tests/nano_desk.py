@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import images
 import native
+from programs import ran
 
 ROOT = Path(__file__).resolve().parent.parent
 NANO = ROOT / "build" / "sim" / "nano"
@@ -29,12 +29,7 @@ def image() -> Path:
 def run(desk: Path, tmp_path: Path, *more: str, code: int = 0) -> tuple[bytes, Any]:
     """Run the firmware: the bytes that left the UART, and the summary."""
     record, summary = tmp_path / "bytes", tmp_path / "summary.json"
-    done = subprocess.run(
-        [NANO, "--image", desk, "--record", record, "--summary", summary, *more],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(NANO, "--image", desk, "--record", record, "--summary", summary, *more)
     assert done.returncode == code, done.stderr
     return record.read_bytes(), json.loads(summary.read_text())
 

@@ -18,6 +18,7 @@ import pytest
 import images
 import native
 from bits.processors import PROCESSORS, command
+from programs import ran
 
 pytestmark = pytest.mark.sampled(5)  # `make check` runs them all
 
@@ -233,7 +234,7 @@ def test_a_circle_is_seen(tmp_path):
 def global_symbols(path):
     """Names that a C file defines for others, and those that it wants of them."""
     (made,) = native.objects([path])
-    done = subprocess.run(["nm", made], capture_output=True, text=True, check=True)
+    done = ran("nm", made, check=True)
     found = re.findall(r"([A-Z]) (\w+)$", done.stdout, re.M)
     wanted = {name for kind, name in found if kind == "U"}
     return {name for _, name in found} - wanted, wanted
@@ -418,9 +419,7 @@ def flags_of(compiler):
 def test_core_compiles_without_a_warning_and_without_floats(compiler, path):
     made = images.compiled(flags_of(compiler), path)
     prefix = compiler.removesuffix("gcc")
-    symbols = subprocess.run(
-        [f"{prefix}nm", made], capture_output=True, text=True, check=True
-    ).stdout
+    symbols = ran(f"{prefix}nm", made, check=True).stdout
     wanted = re.findall(r" U (\w+)", symbols)
     assert not [name for name in wanted if FLOAT_HELPER.fullmatch(name)]
     assert not {"malloc", "calloc", "realloc", "free"} & set(wanted)
@@ -453,8 +452,6 @@ def test_the_float_check_sees_a_planted_float(code, symbol, tmp_path):
     subprocess.run(
         ["avr-gcc", "-mmcu=atmega328p", "-Os", "-c", planted, "-o", made], check=True
     )
-    symbols = subprocess.run(
-        ["avr-nm", "-u", made], capture_output=True, text=True, check=True
-    ).stdout.split()
+    symbols = ran("avr-nm", "-u", made, check=True).stdout.split()
     assert symbol in symbols
     assert FLOAT_HELPER.fullmatch(symbol)

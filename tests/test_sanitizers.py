@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from programs import ran
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
 import sanitizer
 
@@ -55,13 +57,7 @@ def run(folder: Path, call: str, *, asan: bool) -> subprocess.CompletedProcess[s
     env["PYTHONPATH"] = str(Path(__file__).parent)
     if asan:
         env |= sanitizer.environment()
-    return subprocess.run(
-        [sys.executable, "-c", CALLER, str(folder), call],
-        env=env,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return ran(sys.executable, "-c", CALLER, str(folder), call, env=env)
 
 
 @pytest.mark.parametrize(

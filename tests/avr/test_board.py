@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from bits.processors import PROCESSORS, command
 from board_facts import BOUND_US, POWER_ON, SOFTWARE, WATCHDOG, Fact, starts
 from length import choose
 from letters import FAILED_BURSTS, OK, Board, Run
+from programs import ran
 
 PROCESSOR = choose(everyday=["atmega328p"], long=["atmega328p", "atmega2560"])
 RAM = {"atmega328p": 2048, "atmega2560": 8192}
@@ -64,7 +64,7 @@ def board(program: Path, nano: Path, tmp_path: Path) -> Board:
         ]
         for at_ms, letters in sent:
             command += ["--send", f"{at_ms * 1000}:{letters.encode().hex()}"]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        done = ran(*command)
         assert done.returncode == 0, done.stderr
         return Run(
             record.read_text(encoding="ascii").splitlines(),

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from native import locked
+from programs import ran
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "official"
@@ -37,13 +38,10 @@ def built(
     words = [word for name in environments for word in ("-e", name)]
     kept = {name: os.environ[name] for name in os.environ if "PLATFORMIO" not in name}
     with locked(BUILD / ".lock"):
-        done = subprocess.run(
-            [*PIO, "run", "-s", "-c", ini, *words, *more],
+        done = ran(
+            *(*PIO, "run", "-s", "-c", ini, *words, *more),
             cwd=ROOT,
             env=kept | {"PLATFORMIO_BUILD_DIR": str(folder)},
-            capture_output=True,
-            text=True,
-            check=False,
         )
     # An image that is too large for the bootloader is linked anyway.
     assert done.returncode == 0 or "greater than maximum" in done.stderr, done.stderr
@@ -75,7 +73,7 @@ def flash_bytes(elf: Path) -> int:
 
 
 def addresses(elf: Path) -> dict[str, int]:
-    shown = subprocess.run(["avr-nm", elf], capture_output=True, text=True, check=True)
+    shown = ran("avr-nm", elf, check=True)
     rows = [line.split() for line in shown.stdout.splitlines()]
     return {row[2]: int(row[0], 16) for row in rows if len(row) == 3}
 

@@ -10,27 +10,20 @@ from pathlib import Path
 import pytest
 
 from benchmarks import __main__ as benches
+from programs import ran
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_an_unknown_what_is_refused_with_one_line_that_lists_the_known_ones() -> None:
-    done = subprocess.run(
-        ["make", "--silent", "bench", "WHAT=nonsense"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran("make", "--silent", "bench", "WHAT=nonsense", cwd=ROOT)
     assert done.returncode != 0
     lines = [line for line in done.stderr.splitlines() if not line.startswith("make")]
     assert lines == [f"bench: no WHAT=nonsense; there are {', '.join(benches.BENCHES)}"]
 
 
 def test_help_names_all_that_can_be_measured() -> None:
-    output = subprocess.run(
-        ["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
+    output = ran("make", "help", cwd=ROOT, check=True).stdout
     (line,) = (line for line in output.splitlines() if line.startswith("bench "))
     others = [name for name in benches.BENCHES if name != benches.DEFAULT]
     assert line.split(maxsplit=1)[1] == (

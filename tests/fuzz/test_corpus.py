@@ -12,6 +12,7 @@ import pytest
 import native
 from fuzz import corpus
 from native import CORE, ROOT
+from programs import ran
 
 HERE = Path(__file__).resolve().parent
 
@@ -35,9 +36,7 @@ def built(target: str, slip: Path | None = None) -> Path:
 
 def replayed(program: Path, inputs: list[Path]) -> subprocess.CompletedProcess[str]:
     """Without the options by which `make test` has complaints written to files."""
-    return subprocess.run(
-        [program, *inputs], capture_output=True, text=True, check=False, env={}
-    )
+    return ran(program, *inputs, env={})
 
 
 @pytest.mark.parametrize("target", corpus.TARGETS)

@@ -18,6 +18,7 @@ import pytest
 from hours.plan import plan_of
 from hours.worker import LAST, ROOT, Hours, started
 from imud.wire.frame import encode_frame
+from programs import ran
 from system.virtual import BOARDS, F405, NANO, Board
 from twin_bench import followed
 
@@ -27,12 +28,8 @@ EVERY_S = 4
 
 def make_hours(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     options = ["--folder", folder, "--hours", SECONDS / 3600, "--every", EVERY_S]
-    return subprocess.run(
-        [sys.executable, "-m", "hours", *map(str, options), *words],
-        cwd=ROOT / "tests",
-        capture_output=True,
-        text=True,
-        check=False,
+    return ran(
+        sys.executable, "-m", "hours", *map(str, options), *words, cwd=ROOT / "tests"
     )
 
 

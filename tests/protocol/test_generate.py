@@ -15,6 +15,7 @@ import pytest
 
 import generate
 from generator import c_code, checker, python_code
+from programs import ran
 from protocol import wire
 from protocol.small import SMALL, change, load
 
@@ -35,12 +36,7 @@ def project(tmp_path: Path) -> Path:
 
 
 def run(project: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(project / "protocol" / "generate.py"), *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return ran(sys.executable, str(project / "protocol" / "generate.py"), *arguments)
 
 
 def test_what_is_committed_is_what_the_schema_says() -> None:
@@ -124,12 +120,9 @@ def test_another_schemas_c_compiles_without_a_warning(
         (tmp_path / "core" / name).parent.mkdir(exist_ok=True)
         shutil.copy(ROOT / "firmware" / "core" / name, tmp_path / "core" / name)
     warnings = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
-    done = subprocess.run(
-        [compiler, "-std=gnu11", *warnings, "-Os", "-I.", "-c", wire / "messages.c"],
+    done = ran(
+        *(compiler, "-std=gnu11", *warnings, "-Os", "-I.", "-c", wire / "messages.c"),
         cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
     )
     assert done.stderr == ""
     assert done.returncode == 0

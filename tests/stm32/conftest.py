@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from letters import Board, Run
+from programs import ran
 from stm32.programs import FLOAT_ABIS, board_program
 
 
@@ -55,7 +56,7 @@ def board(program: Path, f405: Path, used_flash: bytes, tmp_path: Path) -> Board
         ]
         for at_ms, letters in sent:
             command += ["--send", f"{at_ms * 1000}:{letters.encode().hex()}"]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        done = ran(*command)
         assert done.returncode == 0, done.stderr
         figures = json.loads(summary.read_text(encoding="ascii"))
         assert figures["firmware_complaint"] is None

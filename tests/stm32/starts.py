@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 from letters import Run
+from programs import ran
 
 
 def addresses(run: Run) -> list[int]:
@@ -16,11 +16,8 @@ def addresses(run: Run) -> list[int]:
 
 def places(program: Path) -> dict[str, range]:
     """The addresses of each function, as the linker has put it."""
-    listed = subprocess.run(
-        ["arm-none-eabi-nm", "--print-size", "--defined-only", program],
-        capture_output=True,
-        text=True,
-        check=True,
+    listed = ran(
+        "arm-none-eabi-nm", "--print-size", "--defined-only", program, check=True
     )
     found = {}
     for line in listed.stdout.splitlines():

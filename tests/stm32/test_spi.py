@@ -5,7 +5,6 @@ its socket: card/card_test.c logs for two seconds and prints the time that it to
 from __future__ import annotations
 
 import json
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 
 from core.fake_card import BLOCK
 from core.log_desk import CAUSES, STATES, Volume, frames_of, read
+from programs import ran
 from stm32.programs import FLOAT_ABIS, board_program
 
 STEP_US_MAX = 20
@@ -62,7 +62,7 @@ def run(program: Path, f405: Path, tmp_path: Path) -> Callable[..., Run]:
                     file.seek(number * BLOCK)
                     file.write(block)
             command += ["--card", card, *options]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        done = ran(*command)
         assert done.returncode == 0, done.stderr
         figures = json.loads(summary.read_text(encoding="ascii"))
         assert figures["firmware_complaint"] is None

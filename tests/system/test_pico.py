@@ -6,7 +6,6 @@ own. The tests that all boards share run with it in `make test-long`.
 from __future__ import annotations
 
 import dataclasses
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from bits.processors import replayed
 from demanded import leave_out
 from imud.virtual.boards import PICO as VIRTUAL
 from length import choose
+from programs import ran
 from system.virtual import (
     PICO,
     Run,
@@ -113,9 +113,7 @@ def test_micropythons_poses_are_those_of_the_host(pico: Stub, ready: str) -> Non
 
 def symbol(image: Path, name: str) -> int:
     """Where a function of an image begins."""
-    shown = subprocess.run(
-        ["arm-none-eabi-nm", image], capture_output=True, text=True, check=True
-    )
+    shown = ran("arm-none-eabi-nm", image, check=True)
     found = [line.split() for line in shown.stdout.splitlines()]
     (address,) = (line[0] for line in found if line[-1] == name)
     return int(address, 16)

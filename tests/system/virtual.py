@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import struct
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +22,7 @@ from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, encode
 from imud.wire.messages import decode as decode_content
 from length import choose
+from programs import ran
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,12 +211,7 @@ def run(
         listed = stub.folder / "faults.json"
         listed.write_text(json.dumps(list(faults)))
         words += ["--faults", listed]
-    done = subprocess.run(
-        [stub.simulator, *map(str, words)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(stub.simulator, *map(str, words))
     assert done.returncode == code, done.stderr
     return Run(record, json.loads(summary.read_text()), done.returncode)
 

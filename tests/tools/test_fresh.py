@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from programs import ran
+
 SCRIPT = Path(__file__).resolve().parents[2] / "tools" / "fresh.py"
 
 MAKEFILE = """
@@ -39,12 +41,9 @@ def project(tmp_path: Path) -> Path:
 
 
 def fresh(project: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, project / "tools" / "fresh.py", *words],
+    return ran(
+        *(sys.executable, project / "tools" / "fresh.py", *words),
         env=os.environ | {"VIRTUAL_ENV": "a venv", "SECRET": "a secret"},
-        capture_output=True,
-        text=True,
-        check=False,
     )
 
 

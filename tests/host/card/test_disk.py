@@ -25,6 +25,7 @@ from card_files import (
 from fakes import FakeProbe
 from imud.card import disk
 from imud.errors import FileError
+from programs import ran
 
 
 @pytest.fixture
@@ -118,7 +119,7 @@ def loop(tmp_path: Path) -> Iterator[Path]:
     with image.open("wb") as file:
         file.truncate(64 * MIB)
     command = [losetup, "--find", "--show", str(image)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = ran(*command)
     if done.returncode:
         # Containers and plain users have none: no code of ours can make one. What a
         # device is refused for is tested on made-up tables of the kernel above.

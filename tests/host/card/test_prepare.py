@@ -30,6 +30,7 @@ from card_files import (
 from fakes import FakeProbe
 from imud.card import fat
 from imud.errors import FileError
+from programs import ran
 
 pytestmark = pytest.mark.sampled(2)
 
@@ -50,7 +51,7 @@ def test_a_prepared_card_is_a_fat32_with_one_file_in_one_piece(
     part = partition_of(path, tmp_path / "part.img")
     fsck = program("fsck.fat", "dosfstools")
     command = [fsck, "-n", str(part)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = ran(*command, check=True)
     assert done.stderr == ""
     first_line, last_line = done.stdout.splitlines()
     assert first_line.startswith("fsck.fat")

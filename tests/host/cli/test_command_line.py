@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 from collections.abc import Iterator
 
 import pytest
 
 from imud.cli import build_parser
+from programs import ran
 
 # Modules that take long to import, and that help does not need.
 HEAVY = ("asyncio", "cryptography", "mcap", "msgspec", "numpy", "rich", "zenoh")
@@ -56,7 +56,5 @@ def test_help_loads_nothing_that_takes_long() -> None:
         "import sys; from imud.cli import build_parser; build_parser().format_help();"
         f"print([name for name in {HEAVY} if name in sys.modules])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
+    done = ran(sys.executable, "-c", code, check=True)
     assert done.stdout == "[]\n"

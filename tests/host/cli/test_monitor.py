@@ -8,7 +8,6 @@ import pty
 import select
 import signal
 import struct
-import subprocess
 import sys
 import termios
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ import pytest
 from fakes import PATIENCE_S, DaemonProcess, Forked
 from imud.cli.monitor import BLOCK, MonitorScreen, pipe_line
 from imud.client import Missed, Pose, Status
+from programs import ran
 from speaking import speaking
 
 pytestmark = pytest.mark.sampled(3)
@@ -212,13 +212,7 @@ def test_it_outlives_the_daemon(daemon: DaemonProcess, terminal: Terminal) -> No
 
 def test_a_pipe_gets_a_line_a_second(daemon: DaemonProcess) -> None:
     command = [sys.executable, "-m", "imud", "monitor", "--seconds", "2.5"]
-    done = subprocess.run(
-        [*command, "--connect", daemon.endpoint],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=True,
-    )
+    done = ran(*command, "--connect", daemon.endpoint, timeout=PATIENCE_S, check=True)
     lines = done.stdout.splitlines()
     assert len(lines) == 3
     assert all(line.isprintable() for line in lines)

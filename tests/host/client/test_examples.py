@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import csv
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from fakes import PATIENCE_S, POSE, free_endpoint
+from programs import ran
 from speaking import speaking
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -25,9 +25,7 @@ def endpoint(tmp_path: Path) -> Iterator[str]:
 
 def run(example: str, *arguments: object) -> str:
     command = [sys.executable, str(EXAMPLES / example), *map(str, arguments)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, timeout=2 * PATIENCE_S, check=False
-    )
+    done = ran(*command, timeout=2 * PATIENCE_S)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -59,12 +57,9 @@ def test_command_makes_the_only_probe_stream(endpoint: str) -> None:
 
 
 def test_command_says_why_it_could_not() -> None:
-    done = subprocess.run(
-        [sys.executable, str(EXAMPLES / "command.py"), free_endpoint()],
-        capture_output=True,
-        text=True,
+    done = ran(
+        *(sys.executable, str(EXAMPLES / "command.py"), free_endpoint()),
         timeout=PATIENCE_S,
-        check=False,
     )
     assert done.returncode == 1
     assert done.stderr.startswith("command.py: no imud at")

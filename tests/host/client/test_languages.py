@@ -20,6 +20,7 @@ from fakes import PATIENCE_S, POSE
 from imud import cli
 from imud.recordings import export
 from log_files import records, write
+from programs import ran
 from speaking import speaking
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -55,13 +56,8 @@ def octave(directory: Path, program: str, *, path: Path = EXAMPLES) -> str:
     if shutil.which("octave-cli") is None:
         leave_out("octave is not there")
     command = ["octave-cli", "--norc", "--no-history", "--path", str(path)]
-    done = subprocess.run(
-        [*command, "--eval", program],
-        capture_output=True,
-        text=True,
-        timeout=2 * PATIENCE_S,
-        env=imud_on_path(directory),
-        check=False,
+    done = ran(
+        *command, "--eval", program, timeout=2 * PATIENCE_S, env=imud_on_path(directory)
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -74,10 +70,8 @@ def test_c_prints_the_poses_that_imud_listen_says(tmp_path: Path) -> None:
     subprocess.run(["gcc", *strict, "-o", str(program), source], check=True)
     with speaking(tmp_path) as daemon:
         listen = f"imud listen --json --seconds 3 --connect {daemon.endpoint}"
-        done = subprocess.run(
-            ["sh", "-c", f"{listen} | {program}"],
-            capture_output=True,
-            text=True,
+        done = ran(
+            *("sh", "-c", f"{listen} | {program}"),
             timeout=2 * PATIENCE_S,
             env=imud_on_path(tmp_path),
             check=True,

@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import random
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +20,7 @@ from imud.cli.daemon import MISCONFIGURED
 from imud.config.reader import as_toml
 from imud.config.settings import Config
 from length import choose
+from programs import ran
 
 pytestmark = pytest.mark.sampled(5)
 
@@ -295,13 +295,7 @@ def test_the_process_ends_with_its_code_and_one_line(
 ) -> None:
     file = tmp_path / "imud.toml"
     file.write_text(text)
-    done = subprocess.run(
-        [sys.executable, "-m", "imud", *command.split(), file],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-    )
+    done = ran(sys.executable, "-m", "imud", *command.split(), file, cwd=tmp_path)
     assert done.returncode == (1 if "check" in command else MISCONFIGURED)
     lines = done.stderr.splitlines()
     assert len(lines) == (2 if "foo" in text and "check" in command else 1)

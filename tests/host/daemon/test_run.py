@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import queue
 import signal
-import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -26,6 +25,7 @@ from imud.probes import record
 from imud.sinks import log
 from imud.wire import schema
 from log_files import read_log
+from programs import ran
 
 KINDS = ("pose", "raw", "event", "status", "frame")
 
@@ -207,11 +207,9 @@ def test_it_stops_within_a_second_and_finishes_its_log(
         "stopped; probe 00112233445566aa: 52 received, 0 lost"
         in (chain.daemon.lines[-1])
     )
-    decoded = subprocess.run(
-        [sys.executable, "-m", "imud", "decode", str(chain.daemon.log), "--json"],
+    decoded = ran(
+        *(sys.executable, "-m", "imud", "decode", str(chain.daemon.log), "--json"),
         check=True,
-        capture_output=True,
-        text=True,
     )
     items = [json.loads(line) for line in decoded.stdout.splitlines()]
     assert [i["seq"] for i in items] == list(range(chain.probe.sequence))

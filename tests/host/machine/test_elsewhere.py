@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import queue
 import re
-import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
 from imud.cli import build_parser
 from imud.client import Client
 from imud.machine import other, posix
+from programs import ran
 from streaming import until
 
 ELSEWHERE = Path(__file__).with_name("elsewhere.py")
@@ -71,13 +71,10 @@ def said(folder: Path, command: str, words: list[str], *more: str) -> str:
     than one line after an error.
     """
     filled = [word.replace("{}", str(folder)) for word in words]
-    done = subprocess.run(
-        [sys.executable, "-P", ELSEWHERE, command, *filled, *more],
-        capture_output=True,
+    done = ran(
+        *(sys.executable, "-P", ELSEWHERE, command, *filled, *more),
         cwd=folder,
-        text=True,
         timeout=PATIENCE_S,
-        check=False,
     )
     assert "internal error" not in done.stderr
     assert "Traceback" not in done.stderr

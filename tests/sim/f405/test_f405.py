@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 import bare
+from programs import ran
 
 MEGABYTE = 1 << 20
 
@@ -190,12 +191,7 @@ def test_a_mistake_is_told_in_a_line(
     path = tmp_path / "faults.json"
     path.write_text('[{"kind": "nack", "die": 3}]')
     given = [text.format(image=image, faults=path) for text in arguments]
-    done = subprocess.run(
-        [bare.emulator(), *given],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(bare.emulator(), *given)
     assert done.returncode == 2
     assert done.stderr.startswith("f405: ")
     assert expected in done.stderr.splitlines()[0]
@@ -206,11 +202,6 @@ def test_a_nano_has_no_such_faults(tmp_path: Path, kind: str) -> None:
     bare.emulator()
     nano = bare.ROOT / "build" / "sim" / "nano"
     faults = bare.faults(tmp_path, {"kind": kind})
-    done = subprocess.run(
-        [nano, "--image", "x", *faults],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(nano, "--image", "x", *faults)
     assert done.returncode == 2
     assert f"no such kind of fault: {kind}" in done.stderr

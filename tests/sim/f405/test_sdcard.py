@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import bare
+from programs import ran
 from sim.chips.sdcard_desk import BLOCK, kind_of
 
 pytestmark = pytest.mark.sampled(2)
@@ -136,13 +136,7 @@ def test_options_that_make_no_card_are_told(
     (tmp_path / "odd.img").write_bytes(bytes(1000))
     bare.faults(tmp_path, {"kind": "power_cut", "card_write": 1})
     image = bare.image("sdcard")
-    done = subprocess.run(
-        [bare.emulator(), "--image", image, *options],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(bare.emulator(), "--image", image, *options, cwd=tmp_path)
     assert done.returncode == 2
     assert expected in done.stderr
 

@@ -12,6 +12,7 @@ import pytest
 import images
 import native
 from length import choose
+from programs import ran
 
 ROOT = Path(__file__).resolve().parents[3]
 SIM = ROOT / "sim"
@@ -52,12 +53,7 @@ def twin(thumb: Path | None = None) -> Path:
 
 
 def compare(program: Path, seed: int, cases: int) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [program, str(seed), str(cases)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return ran(program, str(seed), str(cases))
 
 
 @pytest.mark.long

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import images
+from programs import ran
 
 pytestmark = pytest.mark.sampled(2)
 
@@ -45,9 +46,7 @@ def built() -> None:
 
 
 def nano(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [NANO, *arguments], capture_output=True, text=True, check=False
-    )
+    return ran(NANO, *arguments)
 
 
 def test_the_machine_does_what_the_data_sheet_says() -> None:

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from nano_desk import NANO, image
+from programs import ran
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_a_mistake_is_told_in_a_line(
     desk: Path, arguments: list[str], expected: str
 ) -> None:
     given = [argument.format(desk=desk) for argument in arguments]
-    done = subprocess.run([NANO, *given], capture_output=True, text=True, check=False)
+    done = ran(NANO, *given)
     assert done.returncode == 2
     assert done.stderr.startswith("nano: ")
     assert expected in done.stderr.splitlines()[0]
@@ -67,12 +67,7 @@ def test_a_mistake_in_the_faults_is_named(
 ) -> None:
     path = tmp_path / "faults.json"
     path.write_text(text)
-    done = subprocess.run(
-        [NANO, "--image", desk, "--faults", path],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(NANO, "--image", desk, "--faults", path)
     assert done.returncode == 2
     assert expected in done.stderr
 
@@ -97,11 +92,8 @@ def test_what_is_wrong_with_a_bootloader_is_told(
 ) -> None:
     path = tmp_path / "bootloader.hex"
     path.write_text(text)
-    done = subprocess.run(
-        [NANO, "--image", desk, "--bootloader", path, "--seconds", "0.1", "--fast"],
-        capture_output=True,
-        text=True,
-        check=False,
+    done = ran(
+        NANO, "--image", desk, "--bootloader", path, "--seconds", "0.1", "--fast"
     )
     assert done.returncode == 2
     assert done.stderr == f"nano: {path} {done.stderr.split(' ', 2)[2]}"

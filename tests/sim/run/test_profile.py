@@ -17,6 +17,7 @@ import pytest
 import bare
 import images
 import native
+from programs import ran
 
 SIM = Path(__file__).resolve().parents[1]
 SAMPLES = 10
@@ -55,7 +56,7 @@ class Board:
         emulator = images.emulators() / self.name
         words: list[str | Path] = [emulator, "--image", image or self.image]
         words += [*self.options, *more]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        done = ran(*words)
         assert done.returncode == code, done.stderr
         return done.stderr
 
