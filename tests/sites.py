@@ -188,11 +188,9 @@ class Node:
 
     def line(self, *, is_error: bool = False) -> str:
         stream = self.process.stderr if is_error else self.process.stdout
-        assert stream is not None
         return stream.readline().rstrip("\n")
 
     def ask(self) -> dict[str, Any]:
-        assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()
         reply: dict[str, Any] = json.loads(self.line())

@@ -24,15 +24,12 @@ class Process:
         self.made.append(self)
         pipe = subprocess.PIPE
         self._process = Forked("-c", code, endpoint, stdin=pipe, stdout=pipe)
-        assert self._process.stdout is not None
         assert self._process.stdout.readline() == "up\n"
 
     def send(self, number: signal.Signals) -> None:
         self._process.send_signal(number)
 
     def ask(self) -> dict[str, Any]:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
         self._process.stdin.write("\n")
         self._process.stdin.flush()
         reply: dict[str, Any] = json.loads(self._process.stdout.readline())

@@ -68,7 +68,6 @@ def test_a_probe_takes_the_params_of_a_handle(name: str) -> None:
     params = first_params.params_of(name)
     assert params.faults() == []
     tip = params.tip
-    assert tip is not None
     assert tip.axis == (-1, 0, 0)
     assert tip.offset_m == pytest.approx(
         [mm / 1000 for mm in Layout(name).tip_from_chip], abs=1e-6

@@ -118,7 +118,6 @@ def computed(name: str, contents: Sequence[bytes], folder: Path) -> list[bytes]:
     words += ["--pty", link, "--fast", "--summary", summary]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stderr is not None
             assert process.stderr.readline().startswith("ready")
             poses = exchanged(link, contents, processor.room)
             process.send_signal(signal.SIGTERM)

@@ -94,7 +94,6 @@ class DaemonProcess:
         self._reader.start()
 
     def _read(self) -> None:
-        assert self.process.stderr is not None
         for line in self.process.stderr:
             self._fresh.put(line.rstrip("\n"))
         self._fresh.put(None)

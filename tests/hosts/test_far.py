@@ -32,7 +32,6 @@ def border(tmp_path: Path) -> Iterator[str]:
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
     assert process.stdout.readline() == "up\n"
     yield endpoint
     process.kill()

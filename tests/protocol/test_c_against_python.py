@@ -166,7 +166,6 @@ def test_the_vectors_parts_make_an_accelerometers_drift() -> None:
             digest = heard.add_part(message)
     assert digest is not None
     acc = Params.decode(heard.get(digest) or b"").plain("acc")
-    assert acc is not None
     assert acc["drift_m_s2_k"] == pytest.approx(40 * 7.8125e-5)
     assert acc["temperature_c"] == pytest.approx(22.0)
 

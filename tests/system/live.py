@@ -27,7 +27,6 @@ class LiveProbe:
             stderr=subprocess.PIPE,
             text=True,
         )
-        assert self.process.stderr is not None
         assert self.process.stderr.readline().startswith("ready")
 
     def end(self, by: signal.Signals = signal.SIGTERM) -> dict[str, Any]:

@@ -303,7 +303,6 @@ def test_one_that_is_ended_early_leaves_the_board_idle_and_the_port_free(
     probe = LiveProbe(stub, "--motion", table)
     words = ("-m", "imud", "check", probe.port)
     with Forked(*words, stdout=subprocess.PIPE) as check:
-        assert check.stdout is not None
         assert "Lay it base down" in check.stdout.readline()
         check.send_signal(by)
         assert check.wait(PATIENCE_S) == 130

@@ -51,5 +51,4 @@ def test_a_mounted_module_goes_through_the_guide(
     events = [event for sample in samples for event in procedure.feed(sample)]
     (done,) = [each for each in events if isinstance(each, Finished)]
     assert done.mount == mount
-    assert done.turn is not None
     assert np.allclose(done.turn @ done.fit.acc.matrix, np.eye(3), atol=0.02)

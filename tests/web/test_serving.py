@@ -50,7 +50,6 @@ def test_view_serves_a_daemon_elsewhere_and_passes_commands_on(tmp_path: Path) -
         stdout=subprocess.PIPE,
     )
     try:
-        assert view.stdout is not None
         url = view.stdout.readline().rpartition(" ")[2].strip()
         socket_url = url.replace("http", "ws", 1) + "/live"
         with connect(socket_url, origin=url, max_size=None) as connection:

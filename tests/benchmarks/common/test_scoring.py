@@ -129,7 +129,6 @@ def test_coverage_counts_errors_inside_1_96_sigma_and_nulls_apart() -> None:
 
 def test_coverage_leaves_out_what_the_optics_did_not_see_or_does_not_move() -> None:
     truth = still(100)
-    assert truth.quat is not None
     truth.quat[80:] = np.nan
     moving = dataclasses.replace(truth, movement=np.arange(100) >= 60)
     estimate = np.repeat(turned(0.0, 5.0, 0.0), 100, axis=0)

@@ -46,7 +46,6 @@ def tracks_of(manner: leg.Manner, every: int = STEP) -> Mapping[str, Track]:
     """True attitudes with headings that differ, and what the sensors measure."""
     found = {}
     for turn, (name, motion) in enumerate(leg_of(manner).motions.items()):
-        assert motion.quat is not None
         times_s = np.arange(0, len(motion), every) / RATE_HZ
         wrong = heading.about_up(np.full(len(times_s), math.radians(20.0 * turn)))
         sigma = np.full((2, len(times_s)), math.radians(1.0))
@@ -281,7 +280,6 @@ def test_a_missing_probe_is_missing_and_never_still():
 
 
 def one_of(track: Track, rows: FloatArray) -> Track:
-    assert track.acc is not None
     return Track(
         track.times_s[rows],
         track.quat[rows],
@@ -312,7 +310,6 @@ def test_raw_samples_become_attitudes_from_40_hz_up(rate_hz: int):
     # A sensor's own low-pass: the mean around each sample.
     acc = motion.acc[: len(mean) * every].reshape(-1, every, 3).mean(1)
     found = level.attitudes(mean, acc, RATE_HZ / every)
-    assert motion.quat is not None
     truth = motion.quat[every // 2 :: every][: len(mean)]
     up = np.array([0.0, 0.0, 1.0])
     seen, real = (

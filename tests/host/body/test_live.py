@@ -131,7 +131,6 @@ def test_angles_are_those_of_the_leg_within_what_is_stated():
             at = round(time_s * RATE_HZ)
             truth = math.degrees(made().angles["shank"][at, 0])
             off.append(knee.angles_deg["flexion"] - truth)
-            assert knee.sigmas_deg is not None
             sigmas.append(knee.sigmas_deg["flexion"])
     assert len(off) > 80
     assert np.sqrt(np.mean(np.square(off))) < 4.0
@@ -223,7 +222,6 @@ def test_a_probe_that_restarted_has_right_angles_at_once(name: str):
         if time_s > end_s and knee.angles_deg is not None:
             truth = np.degrees(made().angles["shank"][round(time_s * RATE_HZ)])
             off.append(np.subtract([*knee.angles_deg.values()], truth))
-            assert knee.sigmas_deg is not None
             sigmas.append([*knee.sigmas_deg.values()])
     assert len(off) > 20
     assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.85

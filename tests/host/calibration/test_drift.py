@@ -74,7 +74,6 @@ def test_a_third_calibration_keeps_what_two_have_told() -> None:
     near = learned_mg_k(found_at(22.0, (10.3, -5.0, 30.0)), known)
     assert near == pytest.approx(0.2, rel=0.05)
     far = learned_mg_k(found_at(60.0, (70.0, -5.0, 30.0)), known)
-    assert far is not None
     assert 0.6 < far < 60.0 / 40.0 / math.sqrt(3.0)
 
 
@@ -104,10 +103,7 @@ def test_what_is_learned_holds_at_a_third_temperature(slopes_mg_k) -> None:
         fit = replace(fit, temperature_c=degc)
         params = result_of_fit(fit, SCALE, params).params
         if degc == 20.0:
-            assert params.acc is not None
             assert params.acc.drift_m_s2_k is None
-    assert params.acc is not None
     drift = params.acc.drift_m_s2_k
-    assert drift is not None
     rms = float(np.sqrt(np.mean(slopes**2)))
     assert rms * 0.9 < drift < rms + 0.1 * MG

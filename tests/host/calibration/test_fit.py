@@ -90,7 +90,6 @@ def test_the_score_is_careful_and_near() -> None:
 def test_lag_and_field_are_found() -> None:
     for seed in range(MODULES):
         mag = fitted(seed).mag
-        assert mag is not None
         assert mag.lag_s == pytest.approx(module(seed).mag_lag_s, abs=0.002)
         assert mag.dip_deg == pytest.approx(EARTH.dip_deg, abs=0.5)
         assert np.trace(np.linalg.inv(mag.matrix)) == pytest.approx(3.0, abs=1e-3)
@@ -101,7 +100,6 @@ def test_lazy_poses_get_a_bad_score() -> None:
     random = np.random.default_rng(3)
     ups = units(np.append(random.normal(0.0, 0.35, (12, 2)), np.ones((12, 1)), axis=1))
     found = whole.fit(recorded(samples(module(0), 5, list(ups))))
-    assert found is not None
     assert found.score.tilt_deg > 0.3
     assert not found.score.is_good
 
@@ -111,12 +109,9 @@ def test_an_uneven_field_shows_in_the_heading_alone() -> None:
         EARTH, gradient_ut_m=((40.0, 8.0, 0.0), (8.0, -20.0, 0.0), (0, 0, -20.0))
     )
     found = whole.fit(recorded(samples(module(1), 1, world=room)))
-    assert found is not None
-    assert found.mag is not None
     assert found.score.tilt_deg == pytest.approx(fitted(1).score.tilt_deg, abs=1e-6)
     assert found.mag.residual_ut > 1.0
     heading = found.score.heading_deg
-    assert heading is not None
     assert heading > fit_errors(module(1), found)["heading"]
     assert heading > 3.0 * (fitted(1).score.heading_deg or 0.0)
 
@@ -124,7 +119,6 @@ def test_an_uneven_field_shows_in_the_heading_alone() -> None:
 def test_a_chip_with_half_a_g_of_bias_is_calibrated() -> None:
     bad = replace(module(2), acc_bias=np.array([10.0, 418.0, 499.0]) * MG)
     found = whole.fit(recorded(samples(bad, 2)))
-    assert found is not None
     assert found.acc.is_bad
     assert fit_errors(bad, found)["tilt"] < 0.1
     assert not fitted(2).acc.is_bad
@@ -132,8 +126,6 @@ def test_a_chip_with_half_a_g_of_bias_is_calibrated() -> None:
 
 def test_a_calibrated_module_stays_as_it_is() -> None:
     found = whole.fit(recorded(samples(calibrated(), 3)))
-    assert found is not None
-    assert found.mag is not None
     for each in (found.acc.matrix, found.gyr.matrix, found.mag.matrix):
         assert np.allclose(each, np.eye(3), atol=2e-3)
     assert np.abs(found.acc.bias).max() < 1.0 * MG
@@ -146,7 +138,6 @@ def test_missing_samples_between_two_stops_cost_little() -> None:
     recording = recorded(gap)
     assert len(recording.breaks) == 1
     found = whole.fit(recording)
-    assert found is not None
     assert len(found.gyr.angle) == len(fitted(0).gyr.angle) - 1
     assert fit_errors(module(0), found)["heading"] < 0.4
 
@@ -158,7 +149,6 @@ def test_few_stops_are_no_fit() -> None:
 def test_no_magnetometer_leaves_the_other_two() -> None:
     blind = [Sample(s.t_us, s.acc, s.gyr) for s in samples(module(0), 0)]
     found = whole.fit(recorded(blind))
-    assert found is not None
     assert found.mag is None
     assert found.score.heading_deg is None
     assert found.score.tilt_deg == fitted(0).score.tilt_deg

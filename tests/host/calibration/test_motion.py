@@ -71,7 +71,6 @@ def swung(
 
 def test_an_accelerometer_is_told_apart_from_the_arm_that_turns_it() -> None:
     found = motion.fit(swung(arm_m=(0.2, 0.0, -0.1)), np.zeros(3), 0.0)
-    assert found is not None
     assert found.acc.bias == pytest.approx([0.2, -0.3, 0.1], abs=0.05)
     assert found.arm_m == pytest.approx([0.2, 0.0, -0.1], abs=0.02)
     assert found.mag.bias == pytest.approx([20.0, -15.0, 8.0], abs=0.3)
@@ -82,7 +81,6 @@ def test_an_accelerometer_is_told_apart_from_the_arm_that_turns_it() -> None:
 
 def test_errors_are_as_stated() -> None:
     found = motion.fit(swung(), np.zeros(3), 0.0)
-    assert found is not None
     sigma = np.sqrt(np.diag(found.acc.covariance))[:3]
     assert np.all(np.abs(found.acc.bias - [0.2, -0.3, 0.1]) < 3.0 * sigma)
     assert 0.03 < found.tilt_deg < 1.0
@@ -92,7 +90,6 @@ def test_errors_are_as_stated() -> None:
 def test_what_is_known_before_holds() -> None:
     known = Priors(acc_m_s2=0.005, acc_scale=0.0005, mag_ut=0.5)
     found = motion.fit(swung(), np.zeros(3), 0.0, known)
-    assert found is not None
     assert np.abs(found.acc.bias).max() < 0.1
     assert np.abs(found.mag.bias).max() < 8.0
 
@@ -102,7 +99,6 @@ def test_a_module_in_use_is_calibrated() -> None:
     stops = find_stops(recording)
     rest = np.concatenate([recording.gyr[s.start : s.end] for s in stops]).mean(axis=0)
     found = motion.fit(recording, rest, float(stops[0].middle))
-    assert found is not None
     before = errors(module(), SAME, SAME)
     acc = Affine(found.acc.matrix, found.acc.bias)
     left = errors(module(), acc, Affine(found.mag.matrix, found.mag.bias))
@@ -138,7 +134,6 @@ def worked(learner: Learner, found: tuple[Sample, ...], records: bytes) -> Learn
 def test_learning_continues_and_its_result_is_no_prior() -> None:
     learner = Learner(SCALE)
     first = worked(learner, used(), b"").proposal
-    assert first is not None
     records = first.params.encode()
     assert filter_can_continue(b"", records)
     assert heading_of(first.params, 20.0) == pytest.approx(first.heading_deg, rel=0.1)
@@ -151,19 +146,16 @@ def test_learning_continues_and_its_result_is_no_prior() -> None:
     unsure = mag | {"sigma_uT": 1.5 * mag["sigma_uT"] / BETTER}
     worse = first.params.replaced("mag", unsure)
     again = learned_of(learner.begin(worse.encode())).proposal
-    assert again is not None
     assert again.params == first.params
 
 
 def test_what_another_method_found_is_where_it_begins() -> None:
     learner = Learner(SCALE)
     first = worked(learner, used(), b"").proposal
-    assert first is not None
     acc = (first.params.plain("acc") or {}) | {"method": "guided"}
     half = Params().replaced("acc", acc)
     assert known_of(half).acc_m_s2 == pytest.approx(acc["sigma_m_s2"])
     second = learned_of(learner.begin(half.encode())).proposal
-    assert second is not None
     assert second.params.acc == half.acc
     old, new = (affine_of(p.mag, SCALE.mag_ut) for p in (first.params, second.params))
     assert new.bias == pytest.approx(old.bias, abs=1.0)
@@ -237,11 +229,9 @@ def test_a_magnet_put_on_spoils_only_what_was_before(since_s: float) -> None:
     found = used()[:middle] + with_magnet(used()[middle:], magnet_ut)
     learner = Learner(SCALE)
     proposal = worked(learner, found, b"").proposal
-    assert proposal is not None
     # The filter restarts, with the bias that it would have to find, and once only.
     records = proposal.params.encode()
     assert not filter_can_continue(b"", records)
-    assert proposal.params.gyr is not None
     assert any(proposal.params.gyr.bias_counts)
     assert since_s * 1e6 < learner.samples[0].t_us + 7e6
     own = affine_of(proposal.params.mag, SCALE.mag_ut).bias
@@ -259,7 +249,6 @@ def test_what_fits_without_a_magnet_lets_the_filter_continue(
     monkeypatch.setattr(path, lambda *_: next(is_better))
     learner = Learner(SCALE)
     proposal = worked(learner, used(80.0), b"").proposal
-    assert proposal is not None
     assert filter_can_continue(b"", proposal.params.encode())
     samples = learner.samples
     assert samples[-1].t_us - samples[0].t_us == WINDOW_S * 1e6
@@ -285,7 +274,6 @@ def test_of_a_module_that_cannot_be_no_shorter_part_is_believed(
     def bent(recording: SensorRecording, *rest: Any) -> motion.MotionFit | None:
         lengths.append(recording.seconds)
         found = fit(recording, *rest)
-        assert found is not None
         return replace(found, acc=replace(found.acc, matrix=1.3 * np.eye(3)))
 
     monkeypatch.setattr(motion, "fit", bent)
@@ -303,6 +291,5 @@ def test_a_proposal_says_what_it_is_worth() -> None:
     assert isinstance(proposal, Proposal)
     assert 0.1 < proposal.tilt_deg < 1.5
     assert proposal.tilt_deg < proposal.heading_deg < 6.0
-    assert proposal.params.gyr is not None
     assert proposal.params.gyr.sigma is None
     assert np.diag(proposal.params.gyr.matrix) == pytest.approx(np.ones(3))

@@ -81,7 +81,6 @@ def left_of(params: Params, of: Module) -> float:
 @EVERY
 def test_each_mounting_is_found_by_the_guide(mount: ModuleMount) -> None:
     procedure, done, troubles = guided(mount)
-    assert done is not None
     assert troubles == []
     assert done.mount == mount
     assert procedure.status().mount == mount.told()
@@ -229,14 +228,11 @@ def test_a_mounting_alone_keeps_what_is_known() -> None:
     found = mounting.result_of_mount(TURNED, before).params
     for name in mounting.SENSORS:
         old, new = before.calibration(name), found.calibration(name)
-        assert old is not None
-        assert new is not None
         assert np.allclose(new.matrix, TURNED.turn @ old.matrix, atol=1e-3)
         assert (new.bias_counts, new.sigma) == (old.bias_counts, old.sigma)
     assert mounting.mounted(found, PLAIN) == before
     # Of a module that nobody calibrated there is the mounting alone.
     raw = mounting.result_of_mount(TURNED, Params()).params
-    assert raw.gyr is not None
     assert raw.gyr.sigma is None
     assert np.array_equal(raw.gyr.matrix, TURNED.turn)
 
@@ -272,5 +268,4 @@ def test_a_wave_and_learning_go_on_from_a_mounting() -> None:
     for each in waved(module(mount)):
         learner.add(each)
     proposal = learned_of(learner.begin(params.encode())).proposal
-    assert proposal is not None
     assert left_of(proposal.params, module(mount)) < 0.03

@@ -35,7 +35,6 @@ def judged(samples: Sequence[Sample]) -> tuple[float, str]:
     """By how much the own field is wrong, uT, and why the wave is refused, if it is."""
     recording = Gatherer.of(SCALE, samples).recording()
     found = wave.fit(recording, SAME, SAME, TILT_DEG)
-    assert found is not None
     fault = wave.weakness(found)
     wrong_ut = float(np.linalg.norm(found.mag.bias - OWN_UT))
     return wrong_ut, "" if fault is None else fault.kind
@@ -59,7 +58,6 @@ def test_what_is_stated_of_a_wave_holds() -> None:
         for seed in (1, 2, 3):
             recording = Gatherer.of(SCALE, waved(troubles, seed)).recording()
             found = wave.fit(recording, SAME, SAME, TILT_DEG)
-            assert found is not None
             assert wave.weakness(found) is None
             sigma_ut = math.radians(found.field_deg) * found.mag.level_ut
             ratios.append(np.linalg.norm(found.mag.bias - OWN_UT) / sigma_ut)
@@ -130,10 +128,8 @@ def test_noise_that_no_wave_averages_out_is_named() -> None:
         SCALE, waved(Troubles(rest_s=3.0, mag_noise_ut=2.5), seed=1, seconds=12.0)
     ).recording()
     found = wave.fit(recording, SAME, SAME, 1.98)
-    assert found is not None
     assert found.mag.noise_ut == pytest.approx(2.5, rel=0.15)
     fault = wave.weakness(replace(found, tilt_deg=TILT_DEG))
-    assert fault is not None
     assert fault.kind == "noisy"
 
 
@@ -150,7 +146,6 @@ def learned(
     proposal = learned_of(learner.begin(b"")).proposal
     if proposal is None:
         return None
-    assert proposal.params.acc is not None
     found_mg = proposal.params.acc.bias_counts[1] * SCALE.acc_m_s2 / MG
     return math.degrees(abs(acc_bias_mg - found_mg) / 1000.0), proposal.tilt_deg
 
@@ -170,7 +165,6 @@ def test_what_a_minute_of_use_tells_holds(acc_bias_mg: float, seed: int) -> None
 def test_learning_finds_an_accelerometer_inside_its_data_sheet() -> None:
     """60 mg; 0.1 degrees wrong, 0.4 stated."""
     found = learned(60.0)
-    assert found is not None
     wrong_deg, sigma_deg = found
     assert wrong_deg <= SIGMAS * sigma_deg < 1.0
 
@@ -180,5 +174,4 @@ def test_what_is_learned_of_an_accelerometer_far_off_states_its_error() -> None:
     to be a usual one.
     """
     found = learned(450.0)
-    assert found is not None
     assert found[0] <= SIGMAS * found[1] < 4.0

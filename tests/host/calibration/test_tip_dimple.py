@@ -46,8 +46,6 @@ def guided(samples: Sequence[Sample], params: Params = CALIBRATED) -> Dimpling:
 @pytest.mark.parametrize("wobble", [Wobble(), Wobble(give=0.03), Wobble(slip_m=1e-3)])
 def test_the_hand_moves_as_its_sensors_say(wobble: Wobble) -> None:
     motion = exact(wobble, 12.0)
-    assert motion.velocity is not None
-    assert motion.quat is not None
     rate_hz = motion.rate_hz
     acceleration = (motion.velocity[2:] - motion.velocity[:-2]) * rate_hz / 2.0
     felt = rotation.rotate(motion.quat, motion.acc)[1:-1]
@@ -68,7 +66,6 @@ def test_without_noise_the_tip_is_found_to_a_tenth_of_a_millimetre() -> None:
     force, rate, step_s = readings(exact(CLEAN, 20.0))
     begin = round((BEFORE_S - 1.0) / step_s)
     fit = dimple.fit(force[begin:], rate[begin:], step_s, trust_of(CALIBRATED))
-    assert fit is not None
     assert np.linalg.norm(fit.offset_m - TIP) < 1e-4
     assert fit.gravity_m_s2 == pytest.approx(GRAVITY_M_S2, abs=0.003)
 
@@ -79,7 +76,6 @@ def test_a_bias_of_the_gyroscope_a_scale_and_a_delay_are_found_with_it() -> None
     rate = 1.008 * rate + np.radians([0.5, -0.4, 0.3])
     force, rate = force[begin - 1 : -1], rate[begin:]  # 4 ms late
     fit = dimple.fit(force, rate, step_s)
-    assert fit is not None
     assert np.linalg.norm(fit.offset_m - TIP) < 5e-4
 
 
@@ -97,8 +93,6 @@ def test_a_good_wobble_is_done_after_15_s_and_right() -> None:
         if found is not None:
             break
     assert isinstance(found, TipFound)
-    assert found.offset_m is not None
-    assert found.sigma_m is not None
     error_m = float(np.linalg.norm(found.offset_m - TIP))
     assert error_m < 0.001
     assert error_m < INSIDE * found.sigma_m < 0.0015
@@ -124,7 +118,6 @@ WEAK = {
 def test_a_weak_wobble_is_reported_and_refused_with_a_remedy(kind: str) -> None:
     wobble, words = WEAK[kind]
     guide = guided(wobbled(wobble, 27.0))
-    assert guide.trouble is not None
     assert guide.trouble.kind == kind
     assert words in (guide.status().trouble or "")
     refused = guide.end()
@@ -137,7 +130,6 @@ def test_it_is_refused_at_the_second_rest_of_a_tip_that_slips() -> None:
     slipping = wobbled(Wobble(slip_m=1e-3, wobble_s=8.0), 30.0)
     guide = guided(slipping)
     assert guide.phase == "refused"
-    assert guide.trouble is not None
     assert guide.trouble.kind == "slips"
 
 
@@ -148,7 +140,6 @@ def test_a_tip_that_slipped_may_be_held_still_and_wobbled_again() -> None:
     again = [replace(each, t_us=each.t_us + late) for each in held]
     guide = guided([*slipping, *again])
     assert guide.phase == "done"
-    assert guide.fit is not None
     assert np.linalg.norm(guide.fit.offset_m - TIP) < 0.001
 
 
@@ -177,7 +168,6 @@ def test_clipped_or_lost_samples_restart_it(kind: str) -> None:
         samples[1450] = replace(samples[1450], is_clipped=True)
     guide = guided(samples)
     assert guide.phase == "stand"
-    assert guide.trouble is not None
     assert guide.trouble.kind == kind
 
 

@@ -53,13 +53,11 @@ def test_a_wave_finds_the_magnetometer_with_the_aid_of_the_others() -> None:
     acc = Affine(guided().acc.matrix, guided().acc.bias)
     gyr = Affine(guided().gyr.matrix, guided().gyr.bias)
     found = wave.fit(recorded(waved()), acc, gyr, 0.05)
-    assert found is not None
     mag = Affine(found.mag.matrix, found.mag.bias)
     left = errors(module(), acc, mag)["heading"]
     assert left < 0.4
     assert 0.3 * left < found.heading_deg < 1.0
     alone = wave.fit(recorded(waved()), SAME, SAME, stated_tilt_deg(None))
-    assert alone is not None
     worse = errors(module(), SAME, Affine(alone.mag.matrix, alone.mag.bias))
     assert worse["heading"] > 2.0 * left
     assert alone.heading_deg > 2.0
@@ -76,7 +74,6 @@ def test_waving_ends_when_it_is_good() -> None:
     assert "Heading error +-" in waving.instruction
     params = result_of_wave(found, SCALE, Params()).params
     assert params.acc is None
-    assert params.mag is not None
     assert params.mag.method == "wave"
 
 
@@ -105,14 +102,11 @@ def test_an_old_calibration_is_verified_in_ten_seconds() -> None:
     params = result_of_fit(guided(), SCALE, Params()).params
     ups = [TWELVE[0].up, TWELVE[1].up, TWELVE[2].up]
     good = checked(module(), params, ups)
-    assert good is not None
     assert good.is_good
     other = checked(module(2), params, ups)
-    assert other is not None
     assert not other.is_good
     assert {each.sensor for each in other.findings if each.verdict == "bad"} >= {"acc"}
     none = checked(module(), Params(), ups)
-    assert none is not None
     assert {each.verdict for each in none.findings} == {"not calibrated"}
 
 
@@ -120,11 +114,9 @@ def test_a_bent_gyroscope_and_a_magnet_are_seen() -> None:
     params = result_of_fit(guided(), SCALE, Params()).params
     ups = [TWELVE[0].up, TWELVE[1].up, TWELVE[2].up]
     bent = checked(replace(module(), gyr=1.05 * module().gyr), params, ups)
-    assert bent is not None
     assert [each.verdict for each in bent.findings] == ["good", "bad", "good"]
     own = module().mag_bias + np.array([5.0, 0.0, 0.0])
     magnet = checked(replace(module(), mag_bias=own), params, ups)
-    assert magnet is not None
     assert [each.verdict for each in magnet.findings] == ["good", "good", "bad"]
 
 

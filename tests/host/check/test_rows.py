@@ -62,7 +62,6 @@ def test_a_clock_is_only_as_bad_as_its_bound_allows() -> None:
 
 def test_a_log_gives_a_clock_without_a_bound() -> None:
     found = clock_ppm(evidence(samples=raws(ppm=50.0, bound_us=None)).samples())
-    assert found is not None
     assert found[0] == pytest.approx(50.0, abs=0.1)
     assert found[1] is None
 

@@ -107,8 +107,6 @@ def test_a_daemon_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
         cwd=tmp_path,
         text=True,
     )
-    assert daemon.stdin is not None
-    assert daemon.stderr is not None
     assert "listens on" in daemon.stderr.readline()
     assert daemon.poll() is None
     daemon.stdin.close()  # as the kernel does for a program that was killed

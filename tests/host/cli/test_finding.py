@@ -44,7 +44,6 @@ def test_without_a_command_there_is_the_list(
 def test_each_command_is_in_one_group() -> None:
     parser = build_parser()
     grouped = [name for names in _Parser.groups.values() for name in names]
-    assert parser.commands is not None
     assert sorted(grouped) == sorted(parser.commands.choices)
 
 

@@ -152,7 +152,6 @@ def test_the_first_pose_after_a_stroke_tells_where_the_tip_is() -> None:
 def test_how_far_it_is_off_is_told_beside_what_is_stated(off: float, word: str) -> None:
     path = path_of(*strokes([(0.1, 0.0, 0.0), (off - 0.1, 0.0, 0.0)]))
     closing = path.closing()
-    assert closing is not None
     head, end, stated, _, *rows = lines_of("stylus", closing)
     assert head == f"stylus: 2 strokes end {100 * off:.2f} cm from their origin:"
     assert word in end

@@ -71,11 +71,9 @@ def test_a_tip_is_found_put_in_force_and_undone(desk: Desk) -> None:
         assert "tip            118." in out
         assert "mm (95 %)" in out
         tip = desk.in_force.tip
-        assert tip is not None
         assert tip.offset_m == pytest.approx(TIP, abs=0.0015)
         assert tip.axis == (-1.0, 0.0, 0.0)
         assert tip.method == "dimple"
-        assert tip.sigma_m is not None
         assert 0.0001 < tip.sigma_m < 0.001
         assert desk.in_force.acc == CALIBRATED.acc
         assert main(["calibrate", "undo", "--connect", desk.chain.daemon.endpoint]) == 0
@@ -91,7 +89,6 @@ def test_a_rule_is_enough(desk: Desk) -> None:
     assert code == 0
     assert "tip            120.0 0.0 -15.0 mm from the sensor, +-8.4 mm (95 %)" in out
     tip = desk.in_force.tip
-    assert tip is not None
     assert tip.offset_m == pytest.approx((0.12, 0.0, -0.015), abs=1e-6)
     assert (tip.sigma_m, tip.method) == (pytest.approx(0.003), "measured")
 
@@ -116,7 +113,6 @@ def test_positions_and_attitudes_give_the_tip(desk: Desk, tmp_path: Path) -> Non
     assert code == 0
     assert "0.00 mm residual at 20 positions" in out
     tip = desk.in_force.tip
-    assert tip is not None
     assert tip.offset_m == pytest.approx(TIP, abs=2e-6)
     assert tip.method == "sphere"
 
@@ -147,13 +143,11 @@ def test_a_circle_gives_the_axis_and_with_a_distance_the_tip(
     with Stream(desk.chain, ()):
         assert desk.run(*ask)[0] == 0
         tip = desk.in_force.tip
-        assert tip is not None
         assert tip.axis == pytest.approx((0.0, 0.0, 1.0), abs=1e-4)
         assert tip.offset_m is None
         far = 1000.0 * float(np.hypot(0.02, 0.1))
         assert desk.run(*ask, "--distance-mm", str(far))[0] == 0
         tip = desk.in_force.tip
-        assert tip is not None
         assert tip.offset_m == pytest.approx((-0.02, 0.0, -0.1), abs=1e-5)
         two = poses(tmp_path / "two.csv", 2)
         assert "takes 3 or 4" in desk.run("--method", "points", "--positions", two)[2]
@@ -186,7 +180,6 @@ def test_a_capture_is_used_with_the_params_of_its_probe(
     assert code == 0
     assert "calibrated from 15 s of wobbling" in out
     tip = desk.in_force.tip
-    assert tip is not None
     assert tip.offset_m == pytest.approx(TIP, abs=0.0015)
 
 
@@ -235,8 +228,6 @@ def test_what_a_method_does_not_tell_stays_as_it_is() -> None:
     after = result_of_tip(
         TipFound("sphere", axis=np.array([0.0, 1.0, 0.0])), before
     ).params
-    assert before.tip is not None
-    assert after.tip is not None
     assert after.tip.offset_m == before.tip.offset_m
     assert after.tip.sigma_m == before.tip.sigma_m
     assert after.tip.axis == (0.0, 1.0, 0.0)

@@ -45,7 +45,6 @@ def first_lines(command: list[str], environment: dict[str, str]) -> Iterator[str
         command, stdout=subprocess.PIPE, text=True, env=environment
     ) as running:
         try:
-            assert running.stdout is not None
             for _ in range(COUNT):
                 yield running.stdout.readline().rstrip("\n")
         finally:

@@ -149,7 +149,6 @@ def test_queries_are_answered_or_refused_and_poses_go_on(room: Room) -> None:
                 assert answer["ok"], selector
                 answered += 1
             else:
-                assert reply.err is not None
                 line = reply.err.payload.to_string()
                 assert line, selector
                 assert line.isprintable(), line

@@ -65,17 +65,13 @@ def test_a_field_that_is_not_of_the_place_is_strange(
 
 def test_the_place_gives_the_magnetometer_its_scale() -> None:
     fit = whole.fit(recorded(calibrating()))
-    assert fit is not None
-    assert fit.mag is not None
     here = Earth(50.0, fit.mag.dip_deg, 0.0)
     found = result_of_fit(fit, SCALE, Params(), earth=here)
     assert found.note is None
-    assert found.params.mag is not None
     assert found.params.mag.norm_ut == pytest.approx(50.0, abs=0.01)
     away = result_of_fit(fit, SCALE, Params(), earth=other_norm(here))
     assert away.note is not None
     assert "iron nearby" in away.note
-    assert away.params.mag is not None
     assert away.params.mag.norm_ut == pytest.approx(fit.mag.norm_ut, abs=0.01)
 
 

@@ -110,7 +110,6 @@ def test_a_manifest_says_what_it_is_and_holds_it_to_that(tmp_path: Path) -> None
     path = hex_file(tmp_path / "a.hex", NANO)
     manifest(path)
     about = firmware.read(path).about
-    assert about is not None
     assert (about.filter, about.version) == ("fuse", "0.2.0+1234567")
 
     manifest(path, board="f405")

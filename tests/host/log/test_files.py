@@ -102,7 +102,6 @@ def test_foxglove_finds_poses_that_it_can_draw(tmp_path: Path) -> None:
         ((spec, channel, message),) = make_reader(file).iter_messages(
             topics=["imud/left/pose_in_frame"]
         )
-    assert spec is not None
     assert (spec.name, spec.encoding) == ("foxglove.PoseInFrame", "jsonschema")
     assert channel.message_encoding == "json"
     assert json.loads(message.data) == {

@@ -93,7 +93,6 @@ def test_what_is_logged_is_read_back_with_who_wrote_it(tmp_path: Path) -> None:
 def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
     sink, probe = LogSink(tmp_path), FakeProbe()
     sink.open()
-    assert sink.path is not None
     sizes = []
     for count, record in enumerate(records(probe, 12), 1):
         sink.write(record)
@@ -171,7 +170,6 @@ def write_until_killed(folder: Path, count: int) -> list[int]:
         text=True,
         env=os.environ | {"PYTHONPATH": str(here)},
     )
-    assert writer.stdout is not None
     with writer, writer.stdout:
         put = [int(writer.stdout.readline()) for _ in range(count)]
         writer.send_signal(signal.SIGKILL)

@@ -80,7 +80,6 @@ def test_the_estimate_is_in_the_middle_of_all_possible_lines(
         below.append((1_000_000 * second, offset - 1000 * early_us))
     at_us = above[-1][0]
     found = _core.estimate(above, below, at_us, above[-1][1], 0.0, 0.0)
-    assert found is not None
     at_ns, middle_ns, slope, half_ns, spread = found
     assert at_ns == 1000 * at_us
     # By brute force: the extremes touch one point of each kind.
@@ -126,7 +125,6 @@ def test_a_chunk_refuses_what_its_records_have_no_room_for() -> None:
     assert chunk.take() is None
     size = chunk.add(0xFFFF, 2**64 - 1, b"abc", 7, 2**32 - 1)
     taken = chunk.take()
-    assert taken is not None
     data, first, last, (index,) = taken
     assert data[:6] == b"schema"
     assert data[-3:] == b"abc"
@@ -140,9 +138,7 @@ def test_a_chunk_is_used_again_without_what_it_had() -> None:
     for channel in range(300, 0, -1):
         chunk.add(channel, channel, bytes(channel), 0, channel)
     taken = chunk.take()
-    assert taken is not None
     assert [channel for channel, _, _ in taken[3]] == list(range(300, 0, -1))
     assert chunk.add(5, 1, b"x", 0, 0) == 32
     again = chunk.take()
-    assert again is not None
     assert [entry[:2] for entry in again[3]] == [(5, 1)]

@@ -275,7 +275,6 @@ def test_the_daemon_is_a_user_of_its_own_network_and_shows_that_to_no_other(
     keys.initialise(folder, [], 7447)
     settings = ZenohSettings(listen=("tls/127.0.0.1:7447",), keys=str(folder))
     mine = network.own_credentials(settings, is_abroad=False)
-    assert mine is not None
     assert (mine.user, mine.role) == ("imud", "daemon")
     assert network.own_credentials(settings, is_abroad=True) is None
     assert network.own_credentials(ZenohSettings(), is_abroad=False) is None
@@ -286,7 +285,6 @@ def test_the_daemon_is_a_user_of_its_own_network_and_shows_that_to_no_other(
     path = folder / "clients/recorder.toml"
     abroad = ZenohSettings(mode="client", connect=("tls/hub:1",), credentials=str(path))
     given = network.own_credentials(abroad, is_abroad=True)
-    assert given is not None
     assert given.user == "recorder"
 
 

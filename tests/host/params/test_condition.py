@@ -187,7 +187,6 @@ def test_a_probe_with_an_old_calibration_says_so_in_poses_status_and_journal(
     chain: Chain,
 ) -> None:
     acc = PARAMS.plain("acc")
-    assert acc is not None
     old = PARAMS.replaced("acc", acc | {"day": datetime.date(2020, 1, 1)})
     words = (
         "gyroscope and magnetometer not calibrated: imud calibrate; accelerometer "

@@ -98,14 +98,12 @@ def test_values_are_in_plain_units() -> None:
         },
     )
     mag = params.mag
-    assert mag is not None
     assert mag.bias_counts == (1.5, -2.0, 0.0)
     assert mag.matrix[1] == (0.0, 1.0, 0.0)
     assert (mag.sigma, mag.residual, mag.temperature_c) == (0.4, None, -7.25)
     assert (mag.day, mag.method) == (datetime.date(2026, 11, 22), "wave")
     assert (mag.norm_ut, mag.dip_deg, mag.lag_s) == (None, 64.2, 0.00123)
     wire = params.wire("mag")
-    assert wire is not None
     assert wire["bias"] == (24576, -32768, 0)
     assert (wire["sigma"], wire["residual"]) == ((40,), (65535,))
     assert (wire["day"], wire["method"], wire["lag"]) == ((9822,), (4,), (1230,))
@@ -116,7 +114,6 @@ def test_values_are_in_plain_units() -> None:
 
 def test_a_tip_and_options() -> None:
     params = Params().replaced("tip", {"offset_m": [0, 0, -0.142], "method": "dimple"})
-    assert params.tip is not None
     assert params.tip.offset_m == (0.0, 0.0, -0.142)
     assert params.tip.axis is None
     assert params.options == Options()
@@ -254,5 +251,4 @@ def test_the_field_to_the_north_and_up_follows_from_norm_and_dip(
         "up_uT": 2.0,
     }
     plain = Params().replaced("mag", values).plain("mag")
-    assert plain is not None
     assert (plain["north_uT"], plain["up_uT"]) == (north_ut, up_ut)

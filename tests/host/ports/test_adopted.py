@@ -140,7 +140,6 @@ def test_another_program_on_a_port_gets_every_byte_and_its_board_is_not_reset(
             program, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         ) as other:
             assert other.stdin is not None
-            assert other.stdout is not None
             assert other.stdout.readline() == b"open\n"
             desk.devices.append(Device(str(port.path)))
             sent, number = hashlib.sha256(), 0

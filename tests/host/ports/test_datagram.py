@@ -49,7 +49,6 @@ def test_a_session_gives_each_payload_once(peer: Peer) -> None:
 def test_what_the_daemon_sends_is_signed_and_counted(peer: Peer) -> None:
     probe = greeted(peer)
     peer.open(probe.data(b""), HERE)
-    assert peer.channel is not None
     sealed = [peer.channel.seal(payload) for payload in (b"one", b"", b"three")]
     assert [probe.opened(each) for each in sealed] == [
         (0, b"one"),

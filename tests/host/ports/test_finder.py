@@ -175,7 +175,6 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
         await desk.open_port(port)
         await desk.say_until_found(port, probe)
         entry = desk.intake.registry.named(probe.name)
-        assert entry is not None
         assert entry.probe.account.boots == 1
         desk.unplug(port)
 
@@ -195,7 +194,6 @@ def test_one_id_on_two_ports_is_told_and_not_merged(
         second = desk.plug("ttyUSB1")
         await desk.open_port(second)
         entry = desk.intake.registry.named(probe.name)
-        assert entry is not None
         before = entry.probe.account.counts()
         second.write(copy.say("hello") + copy.poses(50))
         await desk.until(lambda: "which is ignored" in caplog.text)

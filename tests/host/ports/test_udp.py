@@ -37,7 +37,6 @@ def listening(folder: Path, *probes: str) -> Iterator[tuple[DaemonProcess, Any]]
     with daemon:
         line = daemon.expect(r"udp 127\.0\.0\.1:\d+: open to")
         port = re.search(r"127\.0\.0\.1:(\d+)", line)
-        assert port is not None
         yield daemon, ("127.0.0.1", int(port[1]))
         daemon.stop()
 

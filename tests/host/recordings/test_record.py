@@ -151,7 +151,6 @@ def test_a_recorder_as_a_process_keeps_all_that_a_daemon_says(tmp_path: Path) ->
         stderr=subprocess.PIPE,
     )
     try:
-        assert process.stderr is not None
         assert "records to" in process.stderr.readline()
         (path,) = (tmp_path / "kept").glob("*.mcap")
         empty = path.stat().st_size

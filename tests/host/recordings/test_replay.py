@@ -106,7 +106,6 @@ def test_while_none_reads_the_pty_control_c_ends_it_with_one_line(
 ) -> None:
     path, link = write(tmp_path, records(10)), tmp_path / "probe"
     with playing(path, "--link", link) as process:
-        assert process.stdout is not None
         assert "probe left is on" in process.stdout.readline()
         process.send_signal(signal.SIGINT)
         output, error = process.communicate()
@@ -152,7 +151,6 @@ def test_each_probe_of_a_log_speaks_on_a_pty_of_its_own(tmp_path: Path) -> None:
     left, right = records(400, name="left"), records(400, FakeProbe(), "right")
     path = write(tmp_path, left, right)
     with playing(path, "--speed", "0") as process:
-        assert process.stdout is not None
         lines = [process.stdout.readline() for _ in range(2)]
         ports = [line.split(" is on ")[1].split(";")[0] for line in lines]
         found = dict(zip(("left", "right"), read(ports, 400), strict=True))

@@ -110,7 +110,6 @@ def published_on_all_topics(
     heard: queue.Queue[tuple[str, bytes, bytes]] = queue.Queue()
 
     def hear(sample: zenoh.Sample) -> None:
-        assert sample.attachment is not None
         payload, attached = sample.payload.to_bytes(), sample.attachment.to_bytes()
         heard.put((str(sample.key_expr), payload, attached))
 

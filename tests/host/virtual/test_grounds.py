@@ -63,7 +63,6 @@ def test_the_rate_is_the_attitudes_derivative(name: str) -> None:
 def test_specific_force_is_the_places_second_difference_and_gravity(name: str) -> None:
     motion = felt(name)
     place, quat = motion.position, motion.quat
-    assert place is not None
     assert quat is not None
     found = (place[2:] - 2.0 * place[1:-1] + place[:-2]) * RATE_HZ**2 + UP
     assert share_off(found, rotation.rotate(quat, motion.acc)[1:-1]) < 2e-3

@@ -62,7 +62,6 @@ def test_specific_force_is_the_positions_second_difference_and_gravity(
 ) -> None:
     motion = groups.exact(made(name), EVEN)
     assert motion.position is not None
-    assert motion.velocity is not None
     assert motion.quat is not None
     assert share_off(slope(motion.position), motion.velocity[1:-1]) < 1e-3
     place = motion.position

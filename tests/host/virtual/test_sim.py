@@ -332,7 +332,6 @@ def running(stand_in: Any) -> Iterator[subprocess.Popen[str]]:
 def test_a_signal_ends_it_with_the_summary(
     running: subprocess.Popen[str], number: signal.Signals
 ) -> None:
-    assert running.stderr is not None
     ready = running.stderr.readline()
     assert ready == ("ready /tmp/some-link (imud run /tmp/some-link; Ctrl-C ends it)\n")
     running.send_signal(number)

@@ -55,7 +55,6 @@ def test_its_serial_port_appears_speaks_and_goes(
     link = tmp_path / "port"
     words = ["--simulator", simulator, "--image", image, "--link", link]
     with Forked("-m", "imud", "sim", board, *words, stderr=subprocess.PIPE) as process:
-        assert process.stderr is not None
         assert process.stderr.readline().startswith(f"ready {link} ")
         port = os.open(link, os.O_RDWR | os.O_NOCTTY)
         try:

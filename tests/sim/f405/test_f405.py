@@ -143,7 +143,6 @@ def test_bytes_go_both_ways_over_the_pty(tmp_path: Path) -> None:
         text=True,
     )
     try:
-        assert process.stderr is not None
         assert process.stderr.readline() == f"ready {link}\n"
         wire = os.open(link, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(wire)

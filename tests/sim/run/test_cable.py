@@ -39,7 +39,6 @@ def on_the_wire(
         text=True,
     )
     try:
-        assert process.stderr is not None
         assert process.stderr.readline() == f"ready {link}\n"
         yield process, link
     finally:
