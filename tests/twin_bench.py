@@ -6,11 +6,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+from hypothesis import strategies as st
+
+from core import desk
 from core.desk import lib
 from core.probe_bench import MPU9250, Bench, Memory, command_frame
 from core.scenes import scene, tumble
 from imud.stages.twin import Twin
-from imud.stages.twin_outcomes import TwinOutcome
+from imud.stages.twin_outcomes import TwinDiffers, TwinOutcome
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, decode, encode
 from imud.wire.params import digest_of, words_of
@@ -138,3 +142,20 @@ def message_of(content: bytes) -> Message:
     message = decode(content)
     assert isinstance(message, Message)
     return message
+
+
+def assert_no_difference(contents: Iterable[bytes]) -> None:
+    twin, outcomes = run_twin(contents)
+    assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
+    assert twin.differed == 0
+
+
+@st.composite
+def losses(draw: st.DrawFn, count: int) -> desk.Array:
+    """Which of so many messages come: some are lost at random, others in a row."""
+    share = draw(st.sampled_from([0.002, 0.01, 0.05, 0.3]))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    kept: desk.Array = random.random(count) >= share
+    begun = draw(st.integers(0, count))
+    kept[begun : begun + draw(st.integers(0, 8))] = False
+    return kept

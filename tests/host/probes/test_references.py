@@ -16,7 +16,6 @@ from imud import rotation
 from imud.params.trusted import known_to
 from imud.params.value import Params
 from imud.probes.references import CAPTURES_MAX, References, SinceErrors
-from imud.probes.relative_error import Quality, quality_of
 
 ROOT = Path(__file__).resolve().parents[3]
 VALUES = {"bias_counts": [0.0] * 3, "matrix": np.eye(3).tolist(), "method": "measured"}
@@ -67,6 +66,13 @@ class Told:
         assert found is not None
         return found
 
+    def captured(self) -> str:
+        """The name of a target that is captured at another pose."""
+        self.pose()
+        name = self.references.capture()
+        assert name is not None
+        return name
+
     def event(self, name: str, detail: int = 0) -> None:
         self.references.on_event({"event": name, "detail": detail}, self.time_us)
 
@@ -86,14 +92,20 @@ class Told:
         return found
 
 
+def tared(hz: float = 100.0) -> Told:
+    """With an origin."""
+    told = Told(hz)
+    told.pose()
+    told.tare()
+    return told
+
+
 def heading_of(found: SinceErrors | None) -> float:
-    assert found is not None
     assert found.heading_sigma_deg is not None
     return found.heading_sigma_deg
 
 
 def tilt_of(found: SinceErrors | None) -> float:
-    assert found is not None
     assert found.tilt_sigma_deg is not None
     return found.tilt_sigma_deg
 
@@ -108,9 +120,7 @@ def test_without_an_origin_there_is_nothing_to_state() -> None:
 
 
 def test_a_probe_that_lies_still_is_known_to_a_tenth_of_a_degree() -> None:
-    told = Told()
-    told.pose()
-    told.tare()
+    told = tared()
     found = told.poses(1.0)
     assert found.age_s == pytest.approx(1.0, abs=0.02)
     assert 0.02 <= heading_of(found) < 0.05
@@ -122,9 +132,7 @@ def test_a_probe_that_lies_still_is_known_to_a_tenth_of_a_degree() -> None:
 
 
 def test_it_grows_with_what_was_turned_and_never_beyond_both_absolute_errors() -> None:
-    told = Told()
-    told.pose()
-    told.tare()
+    told = tared()
     first = heading_of(told.swing(10.0, 5.0))
     second = heading_of(told.swing(30.0, 20.0))
     assert 0.15 < first < second
@@ -133,9 +141,7 @@ def test_it_grows_with_what_was_turned_and_never_beyond_both_absolute_errors() -
 
 
 def test_turns_about_a_level_axis_make_the_heading_less_sure_up_to_a_limit() -> None:
-    told = Told()
-    told.pose()
-    told.tare()
+    told = tared()
     first = heading_of(told.swing(2.0, 5.0, axis=0))
     assert 0.1 < first < 0.3
     second = heading_of(told.swing(6.0, 5.0, axis=0))
@@ -145,22 +151,15 @@ def test_turns_about_a_level_axis_make_the_heading_less_sure_up_to_a_limit() -> 
 
 @pytest.mark.parametrize("hz", [10.0, 25.0, 50.0, 100.0, 200.0, 760.0])
 def test_it_does_not_depend_on_the_rate_of_the_poses(hz: float) -> None:
-    told = Told(hz)
-    told.pose()
-    told.tare()
+    told = tared(hz)
     found = heading_of(told.swing(20.0, 10.0))
-    known = Told(100.0)
-    known.pose()
-    known.tare()
-    assert found == pytest.approx(heading_of(known.swing(20.0, 10.0)), rel=0.03)
+    assert found == pytest.approx(heading_of(tared().swing(20.0, 10.0)), rel=0.03)
 
 
 def test_a_lost_pose_changes_little_and_a_pause_counts_as_turned() -> None:
     found = {}
     for lost_s in (0.0, 0.1, 0.2, 0.5, 1.4, 2.0):
-        told = Told(20.0)
-        told.pose()
-        told.tare()
+        told = tared(20.0)
         told.swing(4.0, 10.0)
         told.time_us += round(lost_s * 1e6)
         found[lost_s] = told.swing(4.0, 10.0)
@@ -182,7 +181,6 @@ def test_an_unknown_error_at_either_end_is_unknown(at: str) -> None:
         told.pose()
         told.sigmas = sigmas if at == "now" else known
         found = told.pose()
-        assert found is not None
         assert found.heading_sigma_deg is None
         assert (found.tilt_sigma_deg is None) == (sigmas[1] is None)
         assert found.void is None
@@ -191,9 +189,7 @@ def test_an_unknown_error_at_either_end_is_unknown(at: str) -> None:
 def test_a_heading_that_was_lost_meanwhile_has_nothing_in_common_with_the_first() -> (
     None
 ):
-    told = Told()
-    told.pose()
-    told.tare()
+    told = tared()
     told.poses(2.0)
     told.sigmas = None, 0.4
     told.pose()
@@ -212,12 +208,8 @@ def test_an_origin_of_the_heading_leaves_the_tilt_as_it_is() -> None:
 
 @pytest.mark.parametrize("flags", [("starting",), ("gap",)])
 def test_a_lost_attitude_voids_the_origin_until_the_next(flags: tuple[str]) -> None:
-    told = Told()
-    told.pose()
-    told.tare()
-    told.pose()
-    name = told.references.capture()
-    assert name is not None
+    told = tared()
+    name = told.captured()
     told.poses(1.0)
     told.pose(LEVEL, *flags)
     found = told.poses(0.5)
@@ -231,34 +223,25 @@ def test_a_lost_attitude_voids_the_origin_until_the_next(flags: tuple[str]) -> N
 
 
 def test_samples_that_are_missing_at_rest_hide_no_motion() -> None:
-    told = Told()
-    told.pose()
-    told.tare()
+    told = tared()
     told.pose(LEVEL, "gap", "at_rest")
     assert told.poses(0.1).void is None
 
 
 def test_a_restart_leaves_nothing_to_relate_to() -> None:
-    told = Told()
-    told.pose()
-    told.tare()
-    told.pose()
-    name = told.references.capture()
-    assert name is not None
+    told = tared()
+    name = told.captured()
     told.event("restarted", 1)
     assert told.poses(0.1).void == "restarted"
     told.references.begin_boot()
     told.flags = ()
     assert told.pose() is None
     captured = told.references.since_capture(name)
-    assert captured is not None
     assert captured.void == "restarted"
 
 
 def test_other_params_end_it_even_if_their_event_was_lost() -> None:
-    told = Told()
-    told.pose()
-    told.tare()
+    told = tared()
     told.pose()
     told.references.tell(None)  # known to be others, not which
     told.references.tell(KNOWN)
@@ -278,19 +261,16 @@ def test_an_origin_from_before_the_daemon_is_not_known() -> None:
 
 def test_a_capture_is_related_to_its_own_moment_and_ends_with_the_origin() -> None:
     told = Told()
-    told.pose()
-    first = told.references.capture()
+    first = told.captured()
     told.swing(20.0, 30.0)
     second = told.references.capture()
     told.pose(turned(0.0, 0.0, 0.01))
-    assert first is not None
     assert second is not None
     errors = [told.references.since_capture(name) for name in (first, second)]
     assert heading_of(errors[0]) > 4.0 * heading_of(errors[1])
     told.tare()
     told.pose()
     captured = told.references.since_capture(second)
-    assert captured is not None
     assert captured.void == "origin_changed"
     assert told.references.since_capture("other") is None
 
@@ -302,16 +282,3 @@ def test_so_many_captures_are_kept_and_no_more() -> None:
     names = [told.references.capture() for _ in range(CAPTURES_MAX + 1)]
     found = [told.references.since_capture(name or "") for name in names]
     assert [one is None for one in found] == [True] + CAPTURES_MAX * [False]
-
-
-def test_what_the_params_do_not_tell_is_taken_for_bad() -> None:
-    unknown = quality_of(b"")
-    assert unknown == quality_of(None) == Quality()
-    known = quality_of(KNOWN)
-    assert known.gyr_share == pytest.approx(0.002)
-    assert known.mag_deg == pytest.approx(
-        math.degrees(0.3 / (47.0 * math.cos(math.radians(65.0)))), rel=1e-3
-    )
-    assert known.acc_deg == pytest.approx(math.degrees(0.007 / 9.80665), rel=1e-3)
-    for name in ("gyr_share", "mag_deg", "acc_deg", "level2_deg2"):
-        assert getattr(unknown, name) > getattr(known, name)

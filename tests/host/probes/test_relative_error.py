@@ -95,6 +95,18 @@ def pose_of(q: Quat, time_s: float) -> dict[str, Any]:
     return {"q": q, "t_device_us": round(time_s * 1e6)} | known
 
 
+def known_well() -> References:
+    references = References()
+    references.quality = QUALITY
+    return references
+
+
+def captured(references: References) -> str:
+    name = references.capture()
+    assert name is not None
+    return name
+
+
 def about(axis: tuple[float, ...], degrees: float) -> Quat:
     unit = np.array(axis) / np.linalg.norm(axis)
     w, x, y, z = rotation.from_rotation_vector(np.deg2rad(degrees) * unit).tolist()
@@ -108,14 +120,11 @@ def test_the_angle_between_both_attitudes_counts_whatever_they_are(
     start = about((0.3, -0.5, 0.8), 77.0)
     turn = about((0.9, 0.2, -0.4), degrees)
     w, x, y, z = rotation.multiply(np.array(turn), np.array(start)).tolist()
-    references = References()
-    references.quality = QUALITY
+    references = known_well()
     references.on_pose(pose_of(start, 100.0))
-    name = references.capture()
-    assert name is not None
+    name = captured(references)
     references.on_pose(pose_of((w, x, y, z), 100.1))
     found = references.since_capture(name)
-    assert found is not None
     half_sine = 2.0 * math.sin(math.radians(degrees / 2.0))
     variance = tilt_variance(1600.0, 1600.0, half_sine, QUALITY)
     assert found.tilt_sigma_deg == pytest.approx(capped(variance, 3200.0), abs=6e-4)
@@ -123,35 +132,23 @@ def test_the_angle_between_both_attitudes_counts_whatever_they_are(
 
 def test_what_was_turned_before_a_moment_does_not_count() -> None:
     """Out by 60 degrees and half of it back, by a probe that is still warming."""
-    references = References()
-    references.quality = QUALITY
+    references = known_well()
     time_s = 5.0
     references.on_pose(pose_of(about((0, 0, 1), 0.0), time_s))
-    early = references.capture()  # from here on it is followed
-    late = None
+    early = captured(references)  # from here on it is followed
+    late = ""
     for step in range(91):
         time_s += 0.1
         angle = 1.0 * (step if step <= 60 else 120 - step)
         references.on_pose(pose_of(about((0, 0, 1), angle), time_s))
         if step == 60:
-            late = references.capture()
-    assert early is not None
-    assert late is not None
+            late = captured(references)
     half_sine = 2.0 * math.sin(math.radians(15.0))
     for name, age_s, turned, net in ((early, 9.1, 90.0, 30.0), (late, 3.0, 30.0, 30.0)):
         found = references.since_capture(name)
-        expected = heading_variance(
-            age_s=age_s,
-            on_s=time_s,
-            about_up=turned,
-            about_any=turned,
-            net_up=net,
-            half_sine=half_sine,
-            quality=QUALITY,
-            unsure=0.0,
-            uneven=0.0,
-        )
-        assert found is not None
+        wanted = {"age_s": age_s, "on_s": time_s, "about_up": turned}
+        wanted |= {"about_any": turned, "net_up": net, "half_sine": half_sine}
+        expected = heading_variance(**NOTHING | wanted)
         assert found.age_s == pytest.approx(age_s)
         sigma = capped(expected, 16200.0)
         assert found.heading_sigma_deg == pytest.approx(sigma, abs=1e-3)
@@ -159,12 +156,10 @@ def test_what_was_turned_before_a_moment_does_not_count() -> None:
 
 def test_the_origin_is_the_attitude_that_it_was_set_at() -> None:
     """Poses are relative to it: at the event the probe was not turned."""
-    references = References()
-    references.quality = QUALITY
+    references = known_well()
     references.on_event({"event": "tared", "detail": 0}, 100_000_000)
     pose = pose_of(about((0.6, 0.0, 0.8), 40.0), 100.1) | {"flags": ("tared",)}
     found = references.on_pose(pose)
-    assert found is not None
     half_sine = 2.0 * math.sin(math.radians(20.0))
     variance = tilt_variance(1600.0, 1600.0, half_sine, QUALITY)
     assert found.tilt_sigma_deg == pytest.approx(capped(variance, 3200.0), abs=6e-4)
@@ -177,38 +172,24 @@ def test_a_pause_may_hide_turns_in_either_direction() -> None:
     turning.add(about((0, 0, 1), 0.0), about((0, 0, 1), 10.0), 1_000_000)
     assert turning.net_up == pytest.approx(10.0)
     assert turning.unheard == turning.about_up == turning.about_any == 180.0
-    references = References()
-    references.quality = QUALITY
+    references = known_well()
     references.on_pose(pose_of(about((0, 0, 1), 0.0), 100.0))
-    name = references.capture()
-    assert name is not None
+    name = captured(references)
     references.on_pose(pose_of(about((0, 0, 1), 10.0), 101.0))
-    again = references.capture()
-    assert again is not None
+    again = captured(references)
     after = references.since_capture(again)
-    assert after is not None
     assert after.heading_sigma_deg == pytest.approx(0.02, abs=1e-3)
     found = references.since_capture(name)
-    expected = heading_variance(
-        age_s=1.0,
-        on_s=101.0,
-        about_up=180.0,
-        about_any=180.0,
-        net_up=190.0,
-        half_sine=2.0 * math.sin(math.radians(5.0)),
-        quality=QUALITY,
-        unsure=0.0,
-        uneven=0.0,
-    )
-    assert found is not None
+    wanted = {"age_s": 1.0, "on_s": 101.0, "about_up": 180.0, "about_any": 180.0}
+    wanted |= {"net_up": 190.0, "half_sine": 2.0 * math.sin(math.radians(5.0))}
+    expected = heading_variance(**NOTHING | wanted)
     assert found.heading_sigma_deg == pytest.approx(capped(expected, 16200.0), abs=2e-3)
 
 
 @pytest.mark.parametrize("restarts", [False, True])
 def test_the_least_sigma_so_far_is_the_best_that_was_known(*, restarts: bool) -> None:
     """A restarted filter has forgotten it."""
-    references = References()
-    references.quality = QUALITY
+    references = known_well()
 
     known = Unevenness()
 
@@ -224,23 +205,14 @@ def test_the_least_sigma_so_far_is_the_best_that_was_known(*, restarts: bool) ->
         references.on_event({"event": "restarted", "detail": 0}, 101_000_000)
         known = Unevenness()
     poses(3.0, 102.0, 0.0)
-    name = references.capture()
-    assert name is not None
+    name = captured(references)
     poses(4.0, 103.1, 150.0)
     found = references.since_capture(name)
-    assert found is not None
     least = 3.0 if restarts else 1.0
-    expected = heading_variance(
-        age_s=1.1,
-        on_s=104.1,
-        about_up=150.0,
-        about_any=150.0,
-        net_up=150.0,
-        half_sine=2.0 * math.sin(math.radians(75.0)),
-        quality=QUALITY,
-        unsure=9.0 + 16.0 - 2.0 * least * least,
-        uneven=known.mean,
-    )
+    wanted = {"age_s": 1.1, "on_s": 104.1, "about_up": 150.0, "about_any": 150.0}
+    wanted |= {"net_up": 150.0, "half_sine": 2.0 * math.sin(math.radians(75.0))}
+    wanted |= {"unsure": 9.0 + 16.0 - 2.0 * least * least, "uneven": known.mean}
+    expected = heading_variance(**NOTHING | wanted)
     assert found.heading_sigma_deg == pytest.approx(capped(expected, 25.0), abs=2e-3)
 
 
@@ -258,13 +230,11 @@ def test_a_turn_is_split_by_its_axis_in_the_world(axis: tuple[float, ...]) -> No
 
 
 def test_params_tell_how_good_the_sensors_are() -> None:
-    known = Params.decode(known_to(0.0981, 0.5)).replaced(
-        "mag",
-        {
-            **{"bias_counts": [0.0] * 3, "matrix": np.eye(3).tolist()},
-            **{"method": "measured", "sigma_uT": 0.5, "norm_uT": 50.0, "dip_deg": 60.0},
-        },
-    )
+    plain = {"bias_counts": [0.0] * 3, "matrix": np.eye(3).tolist()}
+    plain["method"] = "measured"
+    field = {"sigma_uT": 0.5, "norm_uT": 50.0, "dip_deg": 60.0}
+    known = Params.decode(known_to(0.0981, 0.5)).replaced("mag", plain | field)
+    known = known.replaced("gyr", plain | {"sigma": 0.002})
     found = quality_of(known.encode())
     acc_rad = 0.0981 / 9.80665
     assert found.acc_deg == pytest.approx(math.degrees(acc_rad), rel=1e-2)
@@ -273,6 +243,8 @@ def test_params_tell_how_good_the_sensors_are() -> None:
     )
     assert found.mag_deg == pytest.approx(math.degrees(0.5 / 25.0), rel=1e-2)
     unknown = quality_of(None)
+    assert unknown == quality_of(b"") == Quality()
+    assert unknown.gyr_share > found.gyr_share == pytest.approx(0.002)
     assert unknown.acc_deg == pytest.approx(math.degrees(0.06))
     assert unknown.level2_deg2 == pytest.approx(math.degrees(0.06) ** 2)
     assert unknown.mag_deg == pytest.approx(math.degrees(21.0 / 15.0))

@@ -91,7 +91,6 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     assert 0.02 < status["tilt_deg"] < 0.2
     params = Params.decode(bytes.fromhex(status["records"]))
     assert params.acc == before.acc
-    assert params.mag is not None
     assert params.mag.method == "learned"
     left = errors(
         module(),

@@ -131,7 +131,6 @@ def test_a_record_of_a_stage_follows_its_message_and_has_its_number(
     assert (pose.topic, shake.topic) == ("pose", "shake")
     assert shake.sequence == pose.sequence
     entry = bench.intake.registry.named(probe.name)
-    assert entry is not None
     assert entry.put == len(bench.records)  # the ledger counts it
 
 
@@ -185,7 +184,6 @@ def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(
     assert [pose["t_device_us"] for pose in poses] == [r["t_device_us"] for r in raws]
     assert all(not r.content for r in bench.records if r.topic == "pose")
     entry = bench.intake.registry.named(probe.name)
-    assert entry is not None
     assert (entry.poses, entry.pose["number"], entry.received) == (2, 2, 3)
 
 
@@ -213,7 +211,6 @@ def test_what_a_stage_computes_stands_in_the_place_of_what_the_probe_sends(
     assert (len(computed), len(frames), len(records)) == (3, 3, 8)
     assert all(record.content for record in frames)
     entry = bench.intake.registry.named(probe.name)
-    assert entry is not None
     assert (entry.poses, entry.received) == (5, 9)
     assert entry.put == len(bench.records)  # the ledger counts them all
 

@@ -6,6 +6,7 @@ ends it, and is never taken for a difference.
 from __future__ import annotations
 
 import functools
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,8 +34,10 @@ from twin_bench import (
     PERIOD_US,
     POSE,
     Life,
+    assert_no_difference,
     changed,
     followed,
+    losses,
     message_of,
     named,
     run_twin,
@@ -469,24 +472,11 @@ def a_life(seed: int) -> list[bytes]:
     return contents
 
 
-@functools.cache
-def a_known_life(seed: int) -> list[bytes]:
-    return a_life(seed)
-
-
-def assert_no_difference(contents: list[bytes]) -> int:
-    twin, outcomes = run_twin(contents)
-    assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
-    assert twin.differed == 0
-    return twin.compared
+known_life = functools.cache(a_life)
 
 
 @given(st.data())
 def test_no_loss_is_a_difference(data: st.DataObject) -> None:
-    contents = a_known_life(data.draw(st.integers(0, 19)))
-    share = data.draw(st.sampled_from([0.002, 0.01, 0.05, 0.3]))
-    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
-    kept = random.random(len(contents)) >= share
-    begun = data.draw(st.integers(0, len(contents)))
-    kept[begun : begun + data.draw(st.integers(0, 8))] = False
-    assert_no_difference([c for c, k in zip(contents, kept, strict=True) if k])
+    contents = known_life(data.draw(st.integers(0, 19)))
+    kept = data.draw(losses(len(contents)))
+    assert_no_difference(itertools.compress(contents, kept))
