@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 
 from benchmarks.calibration.simulated import UPS, samples
@@ -17,6 +18,8 @@ from chain import Chain
 from fakes import FakeProbe
 from imud.calibration.algebra import units
 from imud.calibration.recording import Sample
+from imud.cli import main
+from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import Manners
 from imud.virtual.modules import shop
@@ -123,3 +126,34 @@ class Stream:
             self.sent += len(burst)
             later = [replace(each, t_us=each.t_us + self._begin_us) for each in burst]
             port.write(b"".join(raw(probe, each) for each in later))
+
+
+class Desk:
+    """A user who calibrates, by commands that begin with these words."""
+
+    def __init__(
+        self, chain: Chain, capsys: pytest.CaptureFixture[str], *own: str
+    ) -> None:
+        self.chain, self._capsys, self._own = chain, capsys, own
+        self.probe = chain.probe.name
+
+    @property
+    def in_force(self) -> Params:
+        return Params.decode(self.chain.probe.params.records)
+
+    def run(self, *words: str | Path) -> tuple[int, str, str]:
+        """The exit code, and what it prints to stdout and stderr."""
+        where = ("--connect", self.chain.daemon.endpoint)
+        code = main([*self._own, *map(str, words), *where])
+        captured = self._capsys.readouterr()
+        return code, captured.out, captured.err
+
+    def refused(self, *words: str) -> str:
+        """Its one line on stderr; nothing has changed."""
+        before = self.chain.probe.params.records
+        code, _, err = self.run(*words)
+        assert code == 1
+        assert err.startswith("imud: ")
+        assert err.count("\n") == 1
+        assert self.chain.probe.params.records == before
+        return err

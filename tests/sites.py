@@ -20,7 +20,7 @@ from typing import Any, Self
 import pytest
 
 from fakes import DaemonProcess, FakeProbe, Port
-from streaming import Streaming
+from streaming import Process, Streaming
 
 FLEET = Path(__file__).resolve().parent.parent / "docs" / "fleet.md"
 
@@ -174,7 +174,7 @@ class Lab:
         return node
 
 
-class Node:
+class Node(Process):
     """A process on a host."""
 
     def __init__(self, *command: str) -> None:
@@ -190,18 +190,11 @@ class Node:
         stream = self.process.stderr if is_error else self.process.stdout
         return stream.readline().rstrip("\n")
 
-    def ask(self) -> dict[str, Any]:
-        self.process.stdin.write("\n")
-        self.process.stdin.flush()
-        reply: dict[str, Any] = json.loads(self.line())
-        return reply
-
     def finish(self) -> dict[str, Any]:
         """Ends a recorder; what it says then."""
         self.process.send_signal(signal.SIGTERM)
         out, _ = self.process.communicate()
-        reply: dict[str, Any] = json.loads(out)
-        return reply
+        return json.loads(out)
 
     def __exit__(self, *_: object) -> None:
         if self.process.poll() is None:

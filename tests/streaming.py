@@ -23,22 +23,21 @@ class Process:
     def __init__(self, code: str, endpoint: str) -> None:
         self.made.append(self)
         pipe = subprocess.PIPE
-        self._process = Forked("-c", code, endpoint, stdin=pipe, stdout=pipe)
-        assert self._process.stdout.readline() == "up\n"
+        self.process = Forked("-c", code, endpoint, stdin=pipe, stdout=pipe)
+        assert self.process.stdout.readline() == "up\n"
 
     def send(self, number: signal.Signals) -> None:
-        self._process.send_signal(number)
+        self.process.send_signal(number)
 
     def ask(self) -> dict[str, Any]:
-        self._process.stdin.write("\n")
-        self._process.stdin.flush()
-        reply: dict[str, Any] = json.loads(self._process.stdout.readline())
-        return reply
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        return json.loads(self.process.stdout.readline())
 
     def kill(self) -> None:
         self.made.remove(self)
-        self._process.kill()
-        self._process.communicate()
+        self.process.kill()
+        self.process.communicate()
 
 
 class Streaming:
@@ -87,5 +86,4 @@ def until(is_so: Callable[[], object]) -> None:
 def zenoh_of(client: Client) -> dict[str, int]:
     """The outcome of all records on their way to the network."""
     (status,) = client.statuses()
-    counts: dict[str, int] = status["ledger"]["sinks"]["zenoh"]
-    return counts
+    return status["ledger"]["sinks"]["zenoh"]

@@ -125,7 +125,6 @@ def named(contents: list[bytes], name: str) -> list[int]:
 
 def changed(content: bytes, **fields: Any) -> bytes:
     message = decode(content)
-    assert isinstance(message, Message)
     return encode(
         message.name,
         dict(message.fields) | fields,

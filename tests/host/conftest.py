@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -39,5 +40,15 @@ def chain(tmp_path: Path) -> Iterator[Chain]:
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chain]:
     """One for all tests of a file: to start it takes longer than most of them."""
     made = Chain(tmp_path_factory.mktemp("bench"))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A daemon with keys; its module takes time to load."""
+    from guarded import Guarded
+
+    made = Guarded(tmp_path_factory.mktemp("guarded"))
     yield made
     made.close()

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +12,7 @@ import pytest
 from fakes import FakeProbe, free_endpoint
 from imud.client import Client
 from sites import ROUTER, configuration
-from streaming import until
+from streaming import Process, until
 
 RATE_HZ = 20.0  # of docs/fleet.md
 
@@ -26,16 +24,9 @@ def border(tmp_path: Path) -> Iterator[str]:
     path = configuration("border.json5", {"router-a": "127.0.0.1"}, tmp_path)
     text = path.read_text("utf-8").replace("tcp/127.0.0.1:7447", free_endpoint())
     path.write_text(text.replace("tcp/0.0.0.0:7447", endpoint), "utf-8")
-    process = subprocess.Popen(
-        [sys.executable, "-c", ROUTER, path],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout.readline() == "up\n"
+    process = Process(ROUTER, str(path))
     yield endpoint
     process.kill()
-    process.communicate()
 
 
 def test_far_consumers_get_fewer_poses_and_all_events(border: str) -> None:

@@ -34,8 +34,7 @@ def make_hours(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def state_of(folder: Path, board: Board) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / board.name / "state.json").read_text())
-    return found
+    return json.loads((folder / board.name / "state.json").read_text())
 
 
 @pytest.mark.usefixtures("boards")

@@ -38,8 +38,7 @@ class LiveProbe:
         if by == signal.SIGKILL:
             self.port.unlink(missing_ok=True)
             return {}
-        found: dict[str, Any] = json.loads(self.summary.read_text())
-        return found
+        return json.loads(self.summary.read_text())
 
 
 def hear(client: Client, topic: str) -> queue.Queue[dict[str, Any]]:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 
 import pytest
@@ -16,8 +15,7 @@ from web.served import Served
 
 @pytest.fixture
 def served() -> Iterator[Served]:
-    made = Served()
-    with contextlib.closing(made.page):
+    with Served() as made:
         yield made
 
 

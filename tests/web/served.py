@@ -8,7 +8,7 @@ import http.client
 import json
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
-from typing import Any
+from typing import Any, Self
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -68,6 +68,12 @@ class Served:
         )
         self.page.start()
         self.host = self.page.url.removeprefix("http://")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.page.close()
 
     def get(self, path: str, **headers: str) -> http.client.HTTPResponse:
         host, _, port = self.host.partition(":")

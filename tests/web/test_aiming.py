@@ -38,10 +38,9 @@ def two_sigma(shown: Seen) -> float:
 
 def reached(shown: Seen) -> int:
     """How often, as the browser keeps it."""
-    found: int = shown.page.evaluate(
+    return shown.page.evaluate(
         "JSON.parse(localStorage.getItem('imud.reached') ?? '[]').length"
     )
-    return found
 
 
 def open_aim(shown: Seen) -> None:

@@ -115,8 +115,7 @@ def test_a_browser_may_not_ask_too_much_at_once() -> None:
 
 def test_a_viewer_reads_but_does_not_command() -> None:
     users = TokenHolder("viewer")
-    served = Served(users)
-    with contextlib.closing(served.page), served.live() as browser:
+    with Served(users) as served, served.live() as browser:
         served.say(1)
         assert browser.next("page")["reads"] == []
         browser.say(do="login", user="", secret=WRONG)
@@ -147,8 +146,7 @@ def test_a_viewer_reads_but_does_not_command() -> None:
 
 
 def test_who_guesses_passwords_is_sent_away() -> None:
-    served = Served(TokenHolder("operator"))
-    with contextlib.closing(served.page), served.live() as browser:
+    with Served(TokenHolder("operator")) as served, served.live() as browser:
         for _ in range(LOGINS_MAX):
             browser.say(do="login", user="", secret=WRONG)
         browser.until_closed()
@@ -176,8 +174,7 @@ def test_logs_are_listed_and_read_and_nothing_else_is(tmp_path: Path) -> None:
     content = bytes(range(256)) * 1000
     (tmp_path / "logs" / "a.mcap").write_bytes(content)
     (tmp_path / "secret.mcap").write_bytes(b"secret")
-    served = Served(logs=LogFolder(tmp_path / "logs"))
-    with contextlib.closing(served.page), served.live() as browser:
+    with Served(logs=LogFolder(tmp_path / "logs")) as served, served.live() as browser:
         assert browser.next("page")["logs"]
         browser.say(do="logs", id=1)
         (file,) = browser.next("answer")["answer"]
@@ -204,8 +201,7 @@ def test_logs_are_for_who_may_read_every_message(tmp_path: Path) -> None:
     )
     for role, is_allowed in cases:
         users = TokenHolder(role)
-        served = Served(users, LogFolder(tmp_path))
-        with contextlib.closing(served.page), served.live() as browser:
+        with Served(users, LogFolder(tmp_path)) as served, served.live() as browser:
             browser.say(do="login", user="", secret=users.token)
             browser.say(do="logs", id=1)
             answer = browser.next("answer")

@@ -91,8 +91,7 @@ def test_a_mounting_is_found_told_and_shown(browser: Browser) -> None:
     assert last["outcome"]["mount"]["words"] == turned.words
     params = Params.decode(bytes.fromhex(last["outcome"]["records"]))
     assert of_calibration(params.gyr) == turned
-    served = Served()
-    with contextlib.closing(served.page):
+    with Served() as served:
         lines = {
             "status": {"hello": HELLO},
             "params": {"digest": "0", "bytes": ""},
@@ -291,8 +290,7 @@ def test_what_is_not_there_is_not_calibrated(
 
 def test_a_viewer_may_not_calibrate() -> None:
     users = TokenHolder("viewer")
-    served = Served(users)
-    with contextlib.closing(served.page), known(served) as browser:
+    with Served(users) as served, known(served) as browser:
         browser.say(do="login", user="", secret=users.token)
         browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
         assert "role" in browser.next("answer")["error"]

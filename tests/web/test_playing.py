@@ -52,7 +52,7 @@ def test_messages_are_due_as_they_came_at_any_speed() -> None:
 def test_a_played_log_says_what_was_published(log: Path) -> None:
     served = Served(logs=LogFolder(log.parent))
     published = [r.payload for r in log_files.records(COUNT) if r.topic == "pose"]
-    with contextlib.closing(served.page), served.live() as browser, served.live() as o:
+    with served, served.live() as browser, served.live() as o:
         browser.say(do="watch", every=[["left", "pose"]], rate_hz=60)
         browser.say(do="play", id=1, name=log.name, speed=0.1)
         while browser.next("page")["playing"] != log.name:
@@ -104,8 +104,7 @@ def test_a_player_that_ends_is_told_with_its_reason(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(playing, "SEEK", b"no number ")
-    served = Served(logs=LogFolder(log.parent))
-    with contextlib.closing(served.page), served.live() as browser:
+    with Served(logs=LogFolder(log.parent)) as served, served.live() as browser:
         browser.say(do="play", id=1, name=log.name, speed=0)
         browser.say(do="seek", id=2, t_ms=5)
         while not (played := browser.next("played"))["over"]:
@@ -140,7 +139,7 @@ def test_a_log_goes_to_any_of_its_times(log: Path) -> None:
     served = Served(logs=LogFolder(log.parent))
     poses = [r for r in log_files.records(COUNT) if r.topic == "pose"]
     first_ms = log_files.records(1)[0].t_received_ns / 1e6
-    with contextlib.closing(served.page), served.live() as browser:
+    with served, served.live() as browser:
         browser.say(do="watch", every=[], rate_hz=60)
         browser.say(do="seek", id=1, t_ms=first_ms)
         assert browser.next("answer")["error"] == "no log is being played"
@@ -170,7 +169,7 @@ def test_the_end_of_a_log_that_is_still_written_stays_in_reach(log: Path) -> Non
     poses = [r for r in log_files.records(COUNT) if r.topic == "pose"]
     whole, half = log.read_bytes(), SeekableLog(log).spans[10].at
     log.write_bytes(whole[:half])
-    with contextlib.closing(served.page), served.live() as browser:
+    with served, served.live() as browser:
         browser.say(do="watch", every=[], rate_hz=60)
         browser.say(do="play", id=1, name=log.name, speed=0)
         browser.next("played")
@@ -208,8 +207,7 @@ def test_a_log_without_its_end_can_be_read_from_anywhere(log: Path) -> None:
 
 
 def test_what_is_no_log_is_not_played(log: Path) -> None:
-    served = Served(logs=LogFolder(log.parent))
-    with contextlib.closing(served.page), served.live() as browser:
+    with Served(logs=LogFolder(log.parent)) as served, served.live() as browser:
         browser.say(do="play", id=1, name="other.mcap")
         assert browser.next("answer")["error"] == "there is no such log"
 
@@ -242,8 +240,7 @@ def test_the_tables_of_a_log_are_there_until_the_browser_leaves(
 
 def test_an_operator_plays_no_log(log: Path) -> None:
     users = TokenHolder("operator")
-    served = Served(users, LogFolder(log.parent))
-    with contextlib.closing(served.page), served.live() as browser:
+    with Served(users, LogFolder(log.parent)) as served, served.live() as browser:
         browser.say(do="login", user="", secret=users.token)
         browser.say(do="play", id=1, name=log.name)
         assert browser.next("answer")["error"] == "your role may not read logs"
@@ -253,8 +250,7 @@ def test_an_operator_plays_no_log(log: Path) -> None:
 
 
 def test_only_so_many_logs_are_played_at_a_time(log: Path) -> None:
-    served = Served(logs=LogFolder(log.parent))
-    with contextlib.closing(served.page), contextlib.ExitStack() as stack:
+    with Served(logs=LogFolder(log.parent)) as served, contextlib.ExitStack() as stack:
         for _ in range(PLAYERS_MAX):
             browser = stack.enter_context(served.live())
             browser.say(do="play", id=1, name=log.name, speed=0)

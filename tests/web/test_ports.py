@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
-
 from playwright.sync_api import Browser
 
 from imud.errors import PortRefused
@@ -44,8 +42,7 @@ class Ports:
 
 def test_a_port_is_adopted_and_released_from_the_page(browser: Browser) -> None:
     ports = Ports()
-    served = Served(ports=ports)
-    with contextlib.closing(served.page):
+    with Served(ports=ports) as served:
         page = browser.new_page()
         page.goto(f"{served.page.url}/#/probe")
         page.get_by_role("link", name="Probes").last.click()
@@ -68,8 +65,7 @@ def test_a_port_is_adopted_and_released_from_the_page(browser: Browser) -> None:
 def test_ports_are_for_who_may_command() -> None:
     for role, is_allowed in (("viewer", False), ("operator", True)):
         users = TokenHolder("viewer" if role == "viewer" else "operator")
-        served = Served(users, ports=Ports())
-        with contextlib.closing(served.page), served.live() as visitor:
+        with Served(users, ports=Ports()) as served, served.live() as visitor:
             visitor.say(do="login", user="", secret=users.token)
             visitor.say(do="ports", id=1)
             assert bool(visitor.next("answer")["answer"]) == is_allowed

@@ -164,8 +164,7 @@ def test_a_page_of_this_machine_gets_the_stream(served: Served, origin: str) -> 
 
 
 def test_a_page_of_a_site_that_is_named_gets_the_stream() -> None:
-    served = Served(origins=["https://example.org", "null"])
-    with contextlib.closing(served.page):
+    with Served(origins=["https://example.org", "null"]) as served:
         for origin in ("https://example.org", "null"):
             with stream(served, origin) as program:
                 assert of_type(program, "page")["role"] == "everybody"
@@ -185,8 +184,7 @@ def test_another_name_for_this_machine_is_refused(served: Served) -> None:
 @pytest.mark.parametrize("role", ["viewer", "recorder", "operator"])
 def test_roles_are_those_of_the_page(role: Role) -> None:
     users = TokenHolder(role)
-    served = Served(users)
-    with contextlib.closing(served.page), stream(served) as program:
+    with Served(users) as served, stream(served) as program:
         assert of_type(program, "page")["reads"] == []
         program.send(json.dumps({"do": "login", "user": "", "secret": WRONG}))
         assert of_type(program, "login")["error"] == "wrong user or password"

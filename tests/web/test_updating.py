@@ -144,8 +144,7 @@ def test_a_probe_is_updated_once_at_a_time(served: Served) -> None:
 def test_firmware_is_for_who_may_command() -> None:
     for role, is_allowed in (("viewer", False), ("operator", True)):
         users = TokenHolder("viewer" if role == "viewer" else "operator")
-        served = Served(users, firmware=())
-        with contextlib.closing(served.page), served.live() as visitor:
+        with Served(users, firmware=()) as served, served.live() as visitor:
             visitor.say(do="login", user="", secret=users.token)
             visitor.say(do="update", id=1, probe="nobody")
             why = "there is no probe nobody" if is_allowed else "may not update"
@@ -153,8 +152,7 @@ def test_firmware_is_for_who_may_command() -> None:
 
 
 def test_a_page_for_a_daemon_elsewhere_offers_none() -> None:
-    served = Served()
-    with contextlib.closing(served.page), served.live() as visitor:
+    with Served() as served, served.live() as visitor:
         assert visitor.next("page")["firmware"] == []
         visitor.say(do="update", id=1, probe="stylus")
         assert "may not update" in visitor.next("answer")["error"]

@@ -83,8 +83,7 @@ def pose_on(
         ".every((one, i) => Math.abs(one - q[i]) < 2 ** -29)",
         [*q],
     )
-    state: dict[str, Any] = shown.until(STATE)
-    return state
+    return shown.until(STATE)
 
 
 def differences(shown: Seen, want: tuple[float, ...]) -> list[float]:

@@ -20,36 +20,7 @@ from imud.cli import calibrate_source, main
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from params_bench import GOOD
-from raw_probe import Stream, calibrating, lying, module, used
-
-
-class Desk:
-    """A user who calibrates."""
-
-    def __init__(self, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
-        self.chain = chain
-        self.probe = chain.probe.name
-        self._capsys = capsys
-
-    @property
-    def in_force(self) -> Params:
-        return Params.decode(self.chain.probe.params.records)
-
-    def run(self, *words: str) -> tuple[int, str, str]:
-        """The exit code, and what it prints to stdout and stderr."""
-        code = main(["calibrate", *words, "--connect", self.chain.daemon.endpoint])
-        captured = self._capsys.readouterr()
-        return code, captured.out, captured.err
-
-    def refused(self, *words: str) -> str:
-        """Its one line on stderr; nothing has changed."""
-        before = self.chain.probe.params.records
-        code, _, err = self.run(*words)
-        assert code == 1
-        assert err.startswith("imud: ")
-        assert err.count("\n") == 1
-        assert self.chain.probe.params.records == before
-        return err
+from raw_probe import Desk, Stream, calibrating, lying, module, used
 
 
 @pytest.fixture
@@ -64,7 +35,7 @@ def desk(
         with Stream(bench, ()):
             bench.client.change_params(bench.probe.name, b"")
     bench.probe.commands.clear()
-    return Desk(bench, capsys)
+    return Desk(bench, capsys, "calibrate")
 
 
 def test_there_is_nothing_to_undo_on_a_probe_without_params(desk: Desk) -> None:
@@ -181,7 +152,9 @@ def test_a_dead_axis_is_refused_and_nothing_changes(desk: Desk) -> None:
 def test_what_the_daemon_has_learned_is_put_in_force(
     chain: Chain, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    desk = Desk(chain, capsys)  # of its own, for it learns from all samples
+    desk = Desk(
+        chain, capsys, "calibrate"
+    )  # of its own, for it learns from all samples
 
     def is_learned(status: dict[str, Any]) -> bool:
         return bool(status["learn"]["records"])

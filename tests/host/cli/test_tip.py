@@ -20,10 +20,9 @@ from imud.cli import calibrate_source, main
 from imud.cli.calibrate_tip import read
 from imud.cli.calibrate_tip_screen import tip_lines
 from imud.errors import FileError
-from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from imud.virtual.dimpling import Wobble
-from raw_probe import RATES, Stream, capture
+from raw_probe import RATES, Desk, Stream, capture
 from wobbled import CALIBRATED, TIP, wobbled
 
 
@@ -33,31 +32,12 @@ def _seldom(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(calibrate_source, "HEARD_S", 0.3)
 
 
-class Desk:
-    """A user who calibrates the tip."""
-
-    def __init__(self, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
-        self.chain, self._capsys = chain, capsys
-        self.probe = chain.probe.name
-
-    @property
-    def in_force(self) -> Params:
-        return Params.decode(self.chain.probe.params.records)
-
-    def run(self, *words: str | Path) -> tuple[int, str, str]:
-        """The exit code, and what it prints to stdout and stderr."""
-        own = ["calibrate", "tip", *map(str, words)]
-        code = main([*own, "--connect", self.chain.daemon.endpoint])
-        captured = self._capsys.readouterr()
-        return code, captured.out, captured.err
-
-
 @pytest.fixture
 def desk(bench: Chain, capsys: pytest.CaptureFixture[str]) -> Desk:
     if bench.probe.params.records != CALIBRATED.encode():
         with Stream(bench, ()):
             bench.client.change_params(bench.probe.name, CALIBRATED.encode())
-    return Desk(bench, capsys)
+    return Desk(bench, capsys, "calibrate", "tip")
 
 
 def test_a_tip_is_found_put_in_force_and_undone(desk: Desk) -> None:

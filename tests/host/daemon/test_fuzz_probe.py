@@ -9,13 +9,13 @@ import json
 import queue
 import random
 import select
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from chain import Chain
 from fakes import (
     EXAMPLES,
     PATIENCE_S,
@@ -25,7 +25,6 @@ from fakes import (
     Port,
     assert_honest,
     free_endpoint,
-    status_of,
 )
 from imud._core import CONTENT_MAX
 from imud.client import Client
@@ -125,34 +124,27 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
     assert len(daemon.lines) < 1000
 
 
-def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
-    honest, port = FakeProbe(), Port(tmp_path / "port")
-    with DaemonProcess(port.path, directory=tmp_path) as daemon:
-        daemon.find(port, honest)
-        for number in range(2 * PROBES_MAX):
-            port.write(FakeProbe(probe_id=number.to_bytes(8, "big")).say("hello"))
-        daemon.expect(f"{PROBES_MAX} probes are the limit, so probe .* is ignored")
-        while True:  # an answer is of the turn in which it is asked
-            port.write(honest.say("hello"))
-            with Client(daemon.endpoint) as client:
-                if client.alive() == [honest.name]:
-                    assert len(client.statuses()) <= PROBES_MAX
-                    break
-        daemon.stop()
-    assert_honest(daemon)
+def test_a_device_that_makes_up_ids_fills_no_memory(chain: Chain) -> None:
+    honest, port = chain.probe, chain.port
+    for number in range(2 * PROBES_MAX):
+        port.write(FakeProbe(probe_id=number.to_bytes(8, "big")).say("hello"))
+    chain.daemon.expect(f"{PROBES_MAX} probes are the limit, so probe .* is ignored")
+    while True:  # an answer is of the turn in which it is asked
+        port.write(honest.say("hello"))
+        if chain.client.alive() == [honest.name]:
+            assert len(chain.client.statuses()) <= PROBES_MAX
+            break
+    chain.daemon.stop()
+    assert_honest(chain.daemon)
 
 
 @pytest.mark.long
-def test_a_flood_of_events_is_a_few_lines(tmp_path: Path) -> None:
-    probe, port = FakeProbe(), Port(tmp_path / "port")
-    with DaemonProcess(port.path, directory=tmp_path) as daemon:
-        daemon.find(port, probe)
-        for number in range(LIES):
-            port.write(probe.say("event", event="bus_fault", detail=number))
-        with Client(daemon.endpoint) as client:
-            while status_of(client)["ledger"]["received"] != probe.sequence:
-                time.sleep(0.1)
-        daemon.stop()
+def test_a_flood_of_events_is_a_few_lines(chain: Chain) -> None:
+    daemon, probe = chain.daemon, chain.probe
+    for number in range(LIES):
+        chain.port.write(probe.say("event", event="bus_fault", detail=number))
+    chain.status_when(lambda s: s["ledger"]["received"] == probe.sequence)
+    daemon.stop()
     assert_honest(daemon)
     assert sum("bus fault" in line for line in daemon.lines) <= 9
     assert any("like it before" in line for line in daemon.lines) or (

@@ -47,8 +47,7 @@ class Truth:
 
 
 def twin_when(chain: Chain, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    found: dict[str, Any] = chain.status_when(lambda s: is_so(s["twin"]))["twin"]
-    return found
+    return chain.status_when(lambda s: is_so(s["twin"]))["twin"]
 
 
 def test_the_twin_asks_follows_tells_a_difference_and_a_loss(

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,8 @@ from mcap.reader import make_reader
 from msgspec.structs import replace
 
 import imud.sinks.log
-from fakes import DaemonProcess, FakeProbe, Port, status_of
+from chain import Chain
 from fakes.messages import HELLO
-from imud.client import Client
 from imud.log.channels import POSE_IN_FRAME, payload_on
 from imud.log.file import Settings
 from imud.log.reader import FRAME_ENCODING, Logged
@@ -176,20 +174,13 @@ def decoded(path: Path) -> Counter[str]:
 
 
 def test_with_mcap_alone_all_that_the_daemon_logs_is_what_its_schema_says(
-    tmp_path: Path,
+    chain: Chain,
 ) -> None:
-    port, probe = Port(tmp_path / "probe"), FakeProbe()
-    with DaemonProcess(port.path, directory=tmp_path) as daemon:
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found")
-        port.write(probe.poses(50) + probe.say("raw") + probe.say("event"))
-        with Client(daemon.endpoint) as client:
-            while status_of(client)["ledger"]["logged"].get("event") != 1:
-                time.sleep(0.05)
-        daemon.stop()
-    port.vanish()
-    found = decoded(daemon.log)
+    probe = chain.probe
+    chain.port.write(probe.poses(50) + probe.say("raw") + probe.say("event"))
+    chain.status_when(lambda status: status["ledger"]["logged"].get("event") == 1)
+    chain.daemon.stop()
+    found = decoded(chain.daemon.log)
     assert (found["pose"], found["pose_in_frame"]) == (50, 50)
     assert (found["raw"], found["event"]) == (1, 1)
     assert found["status"] > 0

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import imud
+from chain import Chain
 from fakes import (
     PATIENCE_S,
     DaemonProcess,
@@ -182,25 +183,14 @@ def test_who_went_while_there_was_no_router_is_not_alive(
         daemon.stop()
 
 
-def test_another_that_publishes_on_its_keys_is_told_of(
-    tmp_path: Path, port: Port
-) -> None:
-    probe = FakeProbe()
-    with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
-        daemon.find(port, probe)
-        port.write(probe.poses(3))
-        with Client(daemon.endpoint) as client:
-            client.wait_for(PROBE)  # from then on it watches its keys
-            client.session.put(f"imud/{PROBE}/pose", b"forged")
-            daemon.expect(
-                f"warning: network: another program also publishes on imud/{PROBE}/pose"
-            )
-        daemon.stop()
-        # What is its own is not another's.
-        told = [
-            line for line in daemon.lines if "another program also publishes" in line
-        ]
-        assert len(told) == 1
+def test_another_that_publishes_on_its_keys_is_told_of(chain: Chain) -> None:
+    words = "another program also publishes"
+    chain.port.write(chain.probe.poses(3))
+    chain.client.session.put(f"imud/{PROBE}/pose", b"forged")
+    chain.daemon.expect(f"warning: network: {words} on imud/{PROBE}/pose")
+    chain.daemon.stop()
+    # What is its own is not another's.
+    assert sum(words in line for line in chain.daemon.lines) == 1
 
 
 @pytest.mark.parametrize("history", [0, 5])
@@ -242,29 +232,22 @@ def test_who_comes_late_gets_the_poses_that_are_kept(
         assert kept == list(range(kept[-1] - history, kept[-1] + 1))
 
 
-def test_a_probe_that_went_to_another_daemon_is_left_to_it(
-    tmp_path: Path, port: Port
-) -> None:
-    probe = FakeProbe()
-    with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
-        daemon.find(port, probe)
-        with Client(daemon.endpoint) as client:
-            client.wait_for(PROBE)
-            port.vanish()
-            daemon.expect("disappeared")
-            until(lambda: client.alive() == [])
-            client.session.put(f"imud/{PROBE}/status", b'{"state":"streaming"}')
-            daemon.expect(f"network: probe {PROBE} is now at another imud")
-            until(lambda: client.statuses() == [])
-            back = Port(port.path)
-            back.wait_open()
-            back.write(probe.say("hello"))
-            daemon.expect("found on")
-            until(client.statuses)
-            # What the daemon that it left says of it is no other's claim.
-            client.session.put(f"imud/{PROBE}/status", b'{"state":"gone"}')
-            client.session.put(f"imud/{PROBE}/pose", b"forged")
-            daemon.expect("another program also publishes on imud/.*/pose")
-            back.vanish()
-        daemon.stop()
-        assert not any("/status, too" in line for line in daemon.lines)
+def test_a_probe_that_went_to_another_daemon_is_left_to_it(chain: Chain) -> None:
+    client, daemon = chain.client, chain.daemon
+    chain.port.vanish()
+    daemon.expect("disappeared")
+    until(lambda: client.alive() == [])
+    client.session.put(f"imud/{PROBE}/status", b'{"state":"streaming"}')
+    daemon.expect(f"network: probe {PROBE} is now at another imud")
+    until(lambda: client.statuses() == [])
+    chain.port = Port(chain.port.path)
+    chain.port.wait_open()
+    chain.port.write(chain.probe.say("hello"))
+    daemon.expect("found on")
+    until(client.statuses)
+    # What the daemon that it left says of it is no other's claim.
+    client.session.put(f"imud/{PROBE}/status", b'{"state":"gone"}')
+    client.session.put(f"imud/{PROBE}/pose", b"forged")
+    daemon.expect("another program also publishes on imud/.*/pose")
+    daemon.stop()
+    assert not any("/status, too" in line for line in daemon.lines)

@@ -102,13 +102,6 @@ def test_lines_of_other_libraries_go_to_stderr(
 
 
 @pytest.fixture(scope="module")
-def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    made = Guarded(tmp_path_factory.mktemp("guarded"))
-    yield made
-    made.close()
-
-
-@pytest.fixture(scope="module")
 def mutual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     made = Guarded(tmp_path_factory.mktemp("mutual"), is_mutual=True)
     yield made

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,14 +26,6 @@ from imud.roles import Role
 from imud.ros2 import topics
 from imud.ros2.topics import Topic
 from streaming import Streaming
-
-
-@pytest.fixture(scope="module")
-def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    made = Guarded(tmp_path_factory.mktemp("guarded"))
-    yield made
-    made.close()
-
 
 EVERYTHING = (
     "**",

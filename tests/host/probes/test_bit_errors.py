@@ -24,8 +24,7 @@ def hurt(data: bytes, seed: int) -> bytes:
     """Each bit is wrong with that probability, independently."""
     wire = np.frombuffer(data, np.uint8)
     flips = np.random.default_rng(seed).random((len(wire), 8)) < ERRORS
-    hurt_wire: bytes = (wire ^ np.packbits(flips, axis=1)[:, 0]).tobytes()
-    return hurt_wire
+    return (wire ^ np.packbits(flips, axis=1)[:, 0]).tobytes()
 
 
 @pytest.mark.long

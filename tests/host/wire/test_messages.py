@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fakes import EXAMPLES, HELLO, POSE, FakeProbe
 from imud.wire import schema
-from imud.wire.messages import Message, Skew, _examine, decode, encode, place_of
+from imud.wire.messages import Skew, _examine, decode, encode, place_of
 
 HEADER = 9
 
@@ -42,7 +42,6 @@ def approx(value: Any) -> Any:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_a_message_comes_back_as_it_was(name: str) -> None:
     decoded = decode(encode(name, EXAMPLES[name], 0x89ABCDEF, 0xFEDCBA98))
-    assert isinstance(decoded, Message)
     assert (decoded.name, decoded.sequence, decoded.time_us) == (
         name,
         0x89ABCDEF,
@@ -80,7 +79,6 @@ def test_a_quaternion_is_exact_in_doubles(wire: list[int]) -> None:
     at = HEADER + 1
     decoded = decode(content[:at] + struct.pack("<4i", *wire) + content[at + 16 :])
     if abs(norm - 1) < 1e-3:
-        assert isinstance(decoded, Message)
         assert decoded.fields["q"] == tuple(number / 2**30 for number in wire)
     else:
         assert isinstance(decoded, Skew)
@@ -89,7 +87,6 @@ def test_a_quaternion_is_exact_in_doubles(wire: list[int]) -> None:
 
 def test_a_decimal_scale_gives_the_decimal() -> None:
     decoded = decode(encode("pose", POSE | {"tilt_sigma": 0.07}, 0, 0))
-    assert isinstance(decoded, Message)
     assert decoded.fields["tilt_sigma"] == 0.07
 
 
@@ -102,7 +99,6 @@ def test_not_available_is_none_in_all_of_a_field_or_in_none(
 ) -> None:
     example = EXAMPLES[name] | {field: None}
     decoded = decode(encode(name, example, 0, 0))
-    assert isinstance(decoded, Message)
     assert decoded.fields[field] is None
     spec = next(
         f
@@ -192,11 +188,9 @@ def test_text_that_is_not_text_is_impossible() -> None:
 def test_a_hello_of_a_later_schema_is_read_as_far_as_it_is_known() -> None:
     other = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1).content("hello")
     decoded = decode(other + b"\xf0\x01\x02")
-    assert isinstance(decoded, Message)
     assert decoded.fields["firmware"] == "0.1.0+fake"
     board = other.index(bytes([4, 1]), HEADER + 20)
     decoded = decode(other[: board + 1] + b"\xee" + other[board + 2 :])
-    assert isinstance(decoded, Message)
     assert decoded.fields["board"] is None
 
 
@@ -204,7 +198,6 @@ def test_a_hello_of_an_older_schema_is_read_if_it_says_who_it_is() -> None:
     other = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1).content("hello")
     parts = fields_of(other, "hello")
     decoded = decode(other[:HEADER] + b"".join(parts[:5]))
-    assert isinstance(decoded, Message)
     assert list(decoded.fields)[-1] == "probe_id"
     assert kind_of(other[:HEADER] + b"".join(parts[:4])) == "missing"
 
