@@ -42,22 +42,18 @@ def test_no_log_is_started_where_none_is_kept() -> None:
         configured(reader.load(None, is_logging=False), PROBE_ID, {"log": "on"})
 
 
-def test_a_probe_is_renamed_and_its_log_stopped_meanwhile(tmp_path: Path) -> None:
-    chain = Chain(tmp_path)
-    try:
-        client, before = chain.client, chain.probe.name
+def test_a_probe_is_renamed_and_its_log_stopped_meanwhile(chain: Chain) -> None:
+    client, before = chain.client, chain.probe.name
 
-        def log_of(name: str) -> str | None:
-            found = client.statuses(name)
-            return str(found[0]["log"]["state"]) if found else None
+    def log_of(name: str) -> str | None:
+        found = client.statuses(name)
+        return str(found[0]["log"]["state"]) if found else None
 
-        for state in ("off", "on"):
-            client.command(before, "configure", log=state)
-            until(lambda state=state: log_of(before) == state)
-        client.command(before, "configure", rename="stylus")
-        until(lambda: log_of("stylus") == "on")
-        heard = chain.hear("pose")
-        chain.port.write(chain.probe.poses(1))
-        assert b'"probe":"stylus"' in heard.get()
-    finally:
-        chain.close()
+    for state in ("off", "on"):
+        client.command(before, "configure", log=state)
+        until(lambda state=state: log_of(before) == state)
+    client.command(before, "configure", rename="stylus")
+    until(lambda: log_of("stylus") == "on")
+    heard = chain.hear("pose")
+    chain.port.write(chain.probe.poses(1))
+    assert b'"probe":"stylus"' in heard.get()

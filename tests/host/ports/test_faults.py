@@ -33,22 +33,20 @@ def test_an_absent_port_is_told_once_and_taken_up_when_it_comes(
         assert sum("does not exist" in line for line in process.lines) == 1
 
 
-def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> None:
-    made = Chain(tmp_path)
-    made.port.write(made.probe.poses(5) + made.probe.say("event"))
-    made.daemon.expect("stream started")
-    made.port.vanish()
-    made.daemon.expect("port disappeared; imud opens it when it returns")
-    made.probe.poses(4)
-    made.port = Port(made.port.path)
-    made.daemon.expect(": open$")
-    made.port.write(made.probe.say("hello"))
-    made.daemon.expect("found on")
-    status = made.status_when(lambda s: s["port"] is not None)
+def test_a_port_that_vanishes_is_told_once_and_counted_over(chain: Chain) -> None:
+    chain.port.write(chain.probe.poses(5) + chain.probe.say("event"))
+    chain.daemon.expect("stream started")
+    chain.port.vanish()
+    chain.daemon.expect("port disappeared; imud opens it when it returns")
+    chain.probe.poses(4)
+    chain.port = Port(chain.port.path)
+    chain.daemon.expect(": open$")
+    chain.port.write(chain.probe.say("hello"))
+    chain.daemon.expect("found on")
+    status = chain.status_when(lambda s: s["port"] is not None)
     assert status["ledger"]["lost"] == 4
-    made.daemon.stop()
-    made.close()
-    lines = [line for line in made.daemon.lines if "port" in line]
+    chain.daemon.stop()
+    lines = [line for line in chain.daemon.lines if "port" in line]
     assert sum("disappeared" in line for line in lines) == 1
     assert sum("does not exist" in line for line in lines) == 0
 

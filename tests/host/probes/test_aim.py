@@ -159,66 +159,58 @@ def heard_until(heard: Any, is_so: Any, chain: Chain, **fields: Any) -> Any:
 
 
 def test_below_two_degrees_is_reached_from_the_origin_and_not_after_a_restart(
-    tmp_path: Any,
+    chain: Chain,
 ) -> None:
     """The task of the NECTEC paper: set origin, aim at 0/0/0, below 2 degrees."""
     level = {"q": LEVEL, "tilt_sigma": 0.4, "heading_sigma": 1.75}
     tared = level | {"pose_flags": ("tared",)}
-    chain = Chain(tmp_path)
-    try:
-        name = chain.probe.name
-        aims, poses = chain.hear("aim"), chain.hear("pose")
-        with pytest.raises(CommandRefused, match="has sent no pose"):
-            chain.client.command(name, "capture")
-        with pytest.raises(CommandRefused, match="takes no arguments"):
-            chain.client.command(name, "capture", q="1,0,0,0")
-        chain.client.command(name, "aim", q="1,0,0,0", axis="all", hold_s="0.2")
-        record = heard_until(aims, lambda _: True, chain, **level)
-        assert (record["state"], record["since"]) == ("unsure", None)
+    name = chain.probe.name
+    aims, poses = chain.hear("aim"), chain.hear("pose")
+    with pytest.raises(CommandRefused, match="has sent no pose"):
+        chain.client.command(name, "capture")
+    with pytest.raises(CommandRefused, match="takes no arguments"):
+        chain.client.command(name, "capture", q="1,0,0,0")
+    chain.client.command(name, "aim", q="1,0,0,0", axis="all", hold_s="0.2")
+    record = heard_until(aims, lambda _: True, chain, **level)
+    assert (record["state"], record["since"]) == ("unsure", None)
 
-        chain.command("tare")
-        record = heard_until(aims, lambda r: r["is_reached"], chain, **tared)
-        assert (record["state"], record["since"]) == ("sure", "origin")
-        assert record["sigma_deg"] < 0.2
-        record = heard_until(poses, lambda r: r["since_origin"], chain, **tared)
-        assert record["since_origin"]["void"] is None
-        assert record["since_origin"]["heading_sigma_deg"] < 0.2
-        typed = msgspec.convert(record, Pose).since_origin
-        assert typed == SinceOrigin(**record["since_origin"])
-        row = dict(zip(names_of("pose"), row_of("pose", record), strict=True))
-        for key, value in record["since_origin"].items():
-            assert row[f"since_origin_{key}"] == value
+    chain.command("tare")
+    record = heard_until(aims, lambda r: r["is_reached"], chain, **tared)
+    assert (record["state"], record["since"]) == ("sure", "origin")
+    assert record["sigma_deg"] < 0.2
+    record = heard_until(poses, lambda r: r["since_origin"], chain, **tared)
+    assert record["since_origin"]["void"] is None
+    assert record["since_origin"]["heading_sigma_deg"] < 0.2
+    typed = msgspec.convert(record, Pose).since_origin
+    assert typed == SinceOrigin(**record["since_origin"])
+    row = dict(zip(names_of("pose"), row_of("pose", record), strict=True))
+    for key, value in record["since_origin"].items():
+        assert row[f"since_origin_{key}"] == value
 
-        lost = tared | {"pose_flags": ("tared", "starting")}
-        record = heard_until(aims, lambda r: r["void"] is not None, chain, **lost)
-        assert (record["state"], record["void"]) == ("unsure", "starting")
-        chain.command("tare")
-        heard_until(aims, lambda r: r["since"] == "origin", chain, **tared)
-        chain.command("restart")
-        heard_until(aims, lambda r: r["void"] == "restarted", chain, **tared)
-        heard_until(poses, lambda r: r["since_origin"] is None, chain, **level)
-    finally:
-        chain.close()
+    lost = tared | {"pose_flags": ("tared", "starting")}
+    record = heard_until(aims, lambda r: r["void"] is not None, chain, **lost)
+    assert (record["state"], record["void"]) == ("unsure", "starting")
+    chain.command("tare")
+    heard_until(aims, lambda r: r["since"] == "origin", chain, **tared)
+    chain.command("restart")
+    heard_until(aims, lambda r: r["void"] == "restarted", chain, **tared)
+    heard_until(poses, lambda r: r["since_origin"] is None, chain, **level)
 
 
-def test_a_target_is_published_with_each_pose(tmp_path: Any) -> None:
-    chain = Chain(tmp_path)
-    try:
-        heard = chain.hear("aim")
-        name = chain.probe.name
-        chain.client.command(name, "aim", q="2,0,0,0", axis="z", target="entry")
-        chain.port.write(chain.probe.poses(2))
-        for _ in range(2):
-            record = json.loads(heard.get())
-            jsonschema.validate(record, JSON_SCHEMAS["aim"])
-            assert (record["probe"], record["target"], record["axis"]) == (
-                name,
-                "entry",
-                "z",
-            )
-        chain.client.command(name, "aim", off="1")
-        chain.port.write(chain.probe.poses(2))
-        assert chain.client.statuses(name)
-        assert heard.empty()
-    finally:
-        chain.close()
+def test_a_target_is_published_with_each_pose(chain: Chain) -> None:
+    heard = chain.hear("aim")
+    name = chain.probe.name
+    chain.client.command(name, "aim", q="2,0,0,0", axis="z", target="entry")
+    chain.port.write(chain.probe.poses(2))
+    for _ in range(2):
+        record = json.loads(heard.get())
+        jsonschema.validate(record, JSON_SCHEMAS["aim"])
+        assert (record["probe"], record["target"], record["axis"]) == (
+            name,
+            "entry",
+            "z",
+        )
+    chain.client.command(name, "aim", off="1")
+    chain.port.write(chain.probe.poses(2))
+    assert chain.client.statuses(name)
+    assert heard.empty()

@@ -142,8 +142,9 @@ FakePose: dict[str, Any] = {
 }
 
 
-def test_a_recorder_as_a_process_keeps_all_that_a_daemon_says(tmp_path: Path) -> None:
-    chain = Chain(tmp_path)
+def test_a_recorder_as_a_process_keeps_all_that_a_daemon_says(
+    tmp_path: Path, chain: Chain
+) -> None:
     process = Forked(
         *("-m", "imud", "record", "--json"),
         *("--connect", chain.daemon.endpoint, "--log", tmp_path / "kept"),
@@ -160,7 +161,6 @@ def test_a_recorder_as_a_process_keeps_all_that_a_daemon_says(tmp_path: Path) ->
         out, _ = process.communicate()
     finally:
         process.kill()
-        chain.close()
     assert process.returncode == 0
     (of,) = json.loads(out).values()
     messages = logged(path)
