@@ -22,6 +22,7 @@ enum chip_fault_kind {
     // MPU-9250: the AK8963 holds the data line of its bus low, until `clocks` SCL
     // pulses through the bypass (0: for ever).
     CHIP_FAULT_MAG_HUNG,
+    CHIP_FAULT_MAG_IDLE,  // MPU-9250: the AK8963 answers, and ends no measurement
 };
 
 // Active for a span of time, or, where transactions is not 0, for that many

@@ -20,6 +20,7 @@ static const char *const chip_kinds[] = {
     [CHIP_FAULT_REGISTER_FLIP] = "register_flip",
     [CHIP_FAULT_BROWN_OUT] = "sensor_brown_out",
     [CHIP_FAULT_MAG_HUNG] = "mag_hung",
+    [CHIP_FAULT_MAG_IDLE] = "mag_idle",
 };
 
 // Faults of every board.
@@ -61,7 +62,7 @@ static bool set_kind(struct faults *faults, struct fault *fault, const char *kin
     const struct fault_kinds *kinds = faults->kinds;
     for (size_t i = 0; i < sizeof chip_kinds / sizeof *chip_kinds; i++) {
         const char *name = i == CHIP_FAULT_NO_MAG ? kinds->no_mag : chip_kinds[i];
-        const bool is_known = i != CHIP_FAULT_MAG_HUNG || kinds->has_aux_bus;
+        const bool is_known = i < CHIP_FAULT_MAG_HUNG || kinds->has_aux_bus;
         if (is_known && strcmp(kind, name) == 0) {
             fault->target = FAULT_CHIP;
             fault->chip.kind = (enum chip_fault_kind)i;

@@ -20,6 +20,7 @@
 //   sensor_brown_out the sensor alone loses its power for a moment, once
 //   mag_hung         MPU-9250: the AK8963 holds its bus, until `clocks` SCL pulses
 //                    through the bypass (default: for ever)
+//   mag_idle         MPU-9250: the AK8963 answers, and ends no measurement
 // LSM9DS0: nack, no_data_ready, wrong_who_am_i, frozen and register_flip are of both
 // dies, or of the `die` 1 (G) or 2 (XM). LSM6DSOX and LIS3MDL: the same, and
 // sensor_brown_out, 1 being the LSM6DSOX and 2 the LIS3MDL; stuck_sda is of the first

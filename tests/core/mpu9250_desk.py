@@ -155,7 +155,7 @@ class Scripted:
         self.rest = list(AT_REST)
         self.codes = [0] * 6
         self.mag_test: tuple[int, int, int] | None = (0, 0, -2000)
-        self.mag_id = 0x48
+        self.name, self.mag_id = 0x71, 0x48
         self.refusals = 0  # transfers that the AK8963 does not acknowledge
         self.is_master_dead = False
         self.deaf: set[int] = set()  # registers that keep nothing
@@ -165,7 +165,7 @@ class Scripted:
 
     def read(self, _: Any, address: int, reg: int, data: Any, length: int) -> int:
         if address == 0x0C:
-            return self._read_mag(reg, data)
+            return self._read_mag(reg, data, length)
         assert address == 0x68
         if reg == 0x3B:
             is_on = self.registers[0x1B] == 0xE0
@@ -176,7 +176,7 @@ class Scripted:
             values.insert(3, 0)
             made = b"".join(value.to_bytes(2, "big", signed=True) for value in values)
         elif reg == 0x75:
-            made = b"\x71"
+            made = bytes([self.name])
         elif reg in range(3):
             made = bytes(self.codes[3 + reg :])
         elif reg in range(0x0D, 0x10):
@@ -204,11 +204,11 @@ class Scripted:
         self.refusals -= self.refusals > 0
         return self.refusals == 0
 
-    def _read_mag(self, reg: int, data: Any) -> int:
+    def _read_mag(self, reg: int, data: Any, length: int) -> int:
         if not self._answers():
             return int(lib.BUS_NACK)
         self.mag_registers[0x00] = self.mag_id
-        data[0] = self.mag_registers[reg]
+        ffi.memmove(data, bytes(self.mag_registers[reg : reg + length]), length)
         return int(lib.BUS_OK)
 
     def _write_mag(self, reg: int, value: int) -> int:

@@ -126,6 +126,7 @@ def test_a_magnetometer_that_never_measures_leaves_six_axes_and_is_told():
     samples = bench.samples(40)
     assert not any(sample.has_mag or sample.mag_overflow for sample in samples)
     assert axes(samples[-1].acc) == (0, 0, round(1 / 0.732e-3))
+    assert lib.SENSOR_MAG_CHANGED in (check(bench), check(bench))
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0xD4, 0x49]
     assert bench.identity.self_test == BOTH_PASSED
@@ -150,6 +151,22 @@ def test_data_ready_is_low_where_set_up_ends_and_no_sample_is_missed():
 
 def check(bench: Bench) -> int:
     return int(bench.call("check", bench.bus))
+
+
+def test_a_magnetometer_that_stops_is_left_out_after_three_set_ups():
+    bench = Bench()
+    names, looks = [], []
+    for _ in range(6):
+        bench.chip.mag.is_silent = False
+        assert bench.set_up() == lib.SENSOR_OK
+        names.append(bench.identity.who_am_i[1])
+        bench.chip.mag.is_silent = names[-1] != 0
+        looks.append(1)
+        while bench.samples(8) and check(bench) == lib.SENSOR_OK:
+            looks[-1] += 1
+    assert names == [0x49, 0x49, 0x49, 0, 0x49, 0]
+    # Every other look is at its half.
+    assert [count // 2 for count in looks] == [6, 6, 6, 8, 6, 16]
 
 
 @pytest.mark.parametrize("is_fast", [False, True])

@@ -190,11 +190,39 @@ def test_a_magnetometer_that_spoils_three_set_ups_is_left_out_for_a_while():
         assert spoil(bench) == lib.SENSOR_MAG_STUCK
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.kind == lib.SENSOR_MPU6500
-    results = bench.checks(4 * ROUND)
+    results = bench.checks(8 * ROUND)
     assert all(result >= 0 for result in results[:-1])
     assert results[-1] == lib.SENSOR_MAG_CHANGED
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.kind == lib.SENSOR_MPU9250
+
+
+def kinds_of(bench: Bench, set_ups: int) -> tuple[list[int], list[int]]:
+    """The kind of sensor in each of some set-ups in a row, and its looks."""
+    kinds, looks = [], []
+    for _ in range(set_ups):
+        assert bench.set_up() == lib.SENSOR_OK
+        kinds.append(bench.identity.kind)
+        looks.append(1)
+        while bench.samples(4) and bench.check() >= 0:
+            looks[-1] += 1
+    return kinds, looks
+
+
+def test_a_magnetometer_that_never_measures_is_left_out_and_tried_ever_later():
+    bench = Bench()
+    bench.fault(lib.CHIP_FAULT_MAG_IDLE)
+    kinds, looks = kinds_of(bench, 8)
+    nine, six = lib.SENSOR_MPU9250, lib.SENSOR_MPU6500
+    assert kinds == [nine, nine, nine, six, nine, six, nine, six]
+    assert looks[0] == 6
+    assert [count // ROUND for count in looks[3::2]] == [8, 16, 32]
+    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
+    assert set(bench.checks(ROUND)) == {lib.SENSOR_BUSY, lib.SENSOR_OK}
+    assert bench.driver.mag_failures == 0
+    assert bench.complaint is None
 
 
 PHASES = 30

@@ -12,6 +12,7 @@ from core.mpu9250_desk import (
     MAG_LSB,
     Bench,
     G,
+    Scripted,
     lib,
     running,
     scripted,
@@ -58,8 +59,10 @@ def test_set_up_waits_as_long_as_the_documents_want():
         [t for t, *what in log if what == ["write", 107]][i] for i in (0, 1)
     )
     identified = next(t for t, *what in log if what == ["read", 117])
-    assert resets >= 100  # after power: the start-up of the registers
-    assert identified - resets >= 100
+    assert identified >= 100  # after power: the start-up of the registers
+    assert identified < next(t for t, what, _ in log if what == "write")
+    assert wakes - resets >= 100
+    assert next(t for t, *_ in log if t > resets) == wakes
     reads = [t for t, *what in log if what == ["read", 59]]
     assert len(reads) == 3
     assert reads[0] - wakes >= 35  # the gyroscope's start-up
@@ -84,6 +87,55 @@ def test_a_chip_of_any_other_identity_runs_and_is_named(who):
     assert list(bench.identity.who_am_i) == [who, 0x48]
     assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
     assert bench.settled().acc.z == pytest.approx(G / ACC_LSB, abs=1)
+
+
+# Registers that are not an MPU-9250's, as often as they repeat; all at 0x68. DS3231 at
+# a Wednesday 12:45; DS1307 with RAM as it may start; PCF8523 on a Monday in June;
+# DS3232 with RAM of zeros; BMI160 and ICM-20948, which have their names at 0x00.
+OTHERS = {
+    "DS3231": bytes.fromhex("304512032811260000000000000000 1c080019"),
+    "DS1307": bytes.fromhex("30451203281126") + bytes([0xFF] * 57),
+    "PCF8523": bytes.fromhex("000000304512280106260000000000000000 0000"),
+    "DS3232": bytes.fromhex("304512032811260000000000000000 1c08001940") + bytes(236),
+    "BMI160": b"\xd1" + bytes(127),
+    "ICM-20948": b"\xea" + bytes(127),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_nothing_is_written_to_another_chip_at_the_address(name):
+    registers = OTHERS[name]
+
+    def read(_, __, reg, data, length):
+        for at in range(length):
+            data[at] = registers[(reg + at) % len(registers)]
+        return lib.BUS_OK
+
+    def write(*_):
+        raise AssertionError("written")
+
+    bench = Bench(read=read, write=write)
+    assert bench.set_up() == lib.SENSOR_WRONG_CHIP
+    named = {"BMI160": 0xD1, "ICM-20948": 0xEA}.get(name)
+    assert named in (None, bench.identity.who_am_i[0])
+
+
+@pytest.mark.parametrize("power", [(0x00, 0), (0x40, 0), (0x01, 0x3F)])
+def test_a_known_name_runs_however_another_firmware_left_it(power):
+    chip = Scripted()
+    chip.registers[107:109] = bytes(power)
+    assert Bench(read=chip.read, write=chip.write).set_up() == lib.SENSOR_OK
+    chip.name = 0x75
+    chip.registers[107:109] = bytes(power)
+    assert Bench(read=chip.read, write=chip.write).set_up() == lib.SENSOR_WRONG_CHIP
+
+
+def test_nothing_is_written_to_a_magnetometer_of_another_name():
+    chip = Scripted()
+    chip.mag_id, writes = 0x49, []
+    chip._write_mag = lambda *what: writes.append(what)
+    assert Bench(read=chip.read, write=chip.write).set_up() == lib.SENSOR_OK
+    assert writes == []
 
 
 @pytest.mark.parametrize("reg", [25, 26, 27, 28, 29, 36, 37, 39, 56, 107])

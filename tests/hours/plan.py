@@ -90,6 +90,7 @@ def _fault(plan: Plan, board: Board, draw: random.Random, at_us: int) -> int:
     ]
     if board.name == "nano":
         kinds.append({"kind": "mag_hung", "clocks": draw.randint(1, 9)})
+        kinds.append({"kind": "mag_idle", **span(300, 60000)})
     else:
         kinds += [{"kind": "glitch"}, {"kind": "spurious_berr"}]
     fault = draw.choice(kinds)

@@ -65,7 +65,7 @@ def test_a_seed_gives_the_same_plan_and_another_seed_another(board: Board) -> No
     assert first.faults != other.faults
     # Each kind comes up in twelve hours, and none that restarts the board.
     kinds = {fault["kind"] for fault in first.faults}
-    assert len(kinds) == (8 if board is NANO else 9)
+    assert len(kinds) == 9
     assert not kinds & {"reset", "brown_out", "power_cut", "crystal"}
     # As many as the emulators take of each.
     assert first.options.count("--send") < 4096

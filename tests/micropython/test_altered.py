@@ -91,6 +91,22 @@ def test_what_is_no_identity_is_refused(altered: Any, identity: int) -> None:
     assert not done.named("raw")
 
 
+def test_nothing_is_written_to_a_clock_at_the_address(altered: Any) -> None:
+    done = altered("mpu9250", 1, r_75="3", r_6b="0")  # a DS3231 on a Tuesday
+    assert set(done.faults()) == {("wrong_chip", 0x03)}
+    assert done.written == []
+
+
+def test_a_magnetometer_that_never_measures_is_left_out_after_three_set_ups(
+    altered: Any,
+) -> None:
+    done = altered("mpu9250", 8, mag="silent")
+    assert done.faults() == [("mag_silent", 0x71)] * 3
+    assert done.hello["sensor"] == "mpu6500"
+    last = [raw.time_us for raw in done.named("raw") if raw.time_us > 6_000_000]
+    assert len(last) == pytest.approx((last[-1] - last[0]) / 5000, abs=2)
+
+
 @pytest.mark.parametrize("identity", [0x70, 0x71, 0x75])
 @pytest.mark.parametrize("mag", ["absent", "hung"])
 def test_a_magnetometer_that_does_not_answer_costs_six_axes_nothing(

@@ -4,13 +4,10 @@
 
 #include <string.h>
 
+#include "core/drivers/mag_watch.h"
 #include "core/math/fixed.h"
 
-enum {
-    MAG_TRIES = 3,           // of its set-up, before it is left out
-    MAG_SILENT_CHECKS = 5,   // of it, without a field
-    MAG_FAILURES_MAX = 127,  // all ones; in checks of it, four minutes
-};
+enum { MAG_TRIES = 3 };  // of its set-up, before it is left out
 
 enum phase {
     SET_UP_INERTIAL,
@@ -67,12 +64,13 @@ static void end_magnetic(struct joined *joined, bool has_mag) {
     if (has_mag) {
         joined->identity.who_am_i[1] = part->who_am_i;
         joined->identity.self_test |= part->verdicts;
-        joined->mag_failures = 0;
     } else {
         joined->bursts[1].length = 0;
-        if (part->is_found) {
+        if (part->is_found) {  // and tried three times
+            joined->mag_failures = mag_failed_again(joined->mag_failures | 3);
+        }
+        if (joined->mag_failures > 0) {
             joined->identity.self_test |= SELF_TEST_MAG_FAILED;
-            joined->mag_failures = (joined->mag_failures * 2 + 1) & MAG_FAILURES_MAX;
         }
     }
     joined->phase = CLEAR;
@@ -84,8 +82,13 @@ static enum sensor_result set_up_magnetic(struct joined *joined,
                                           const IN_FLASH struct bus_device *bus,
                                           uint32_t now_us) {
     struct part *part = &joined->magnetic;
+    if (mag_is_left_out(joined->mag_failures)) {
+        end_magnetic(joined, false);
+        return SENSOR_BUSY;
+    }
     const enum sensor_result result = part_setup(part, bus, now_us);
     if (result == SENSOR_BUS_TIMEOUT || result == SENSOR_BUS_STUCK) {
+        joined->mag_failures = mag_failed_again(joined->mag_failures);
         return result;
     }
     if (result == SENSOR_OK) {
@@ -164,6 +167,7 @@ static void take_field(struct joined *joined, const uint8_t *bytes,
         return;
     }
     joined->mag_age = 0;
+    joined->mag_failures = 0;
     out->mag_overflow =
         take(bytes, &from->mag, &joined->config->mag_axes[0], &out->mag);
     out->has_mag = !out->mag_overflow;
@@ -206,6 +210,7 @@ static enum sensor_result look_for_mag(struct joined *joined,
     for (uint8_t place = 0; place < sizeof joined->magnetic.chip->addresses; ++place) {
         const enum sensor_result result = part_ask(&joined->magnetic, bus, place);
         if (result == SENSOR_OK) {
+            joined->mag_failures = mag_tried_again(joined->mag_failures);
             return SENSOR_MAG_CHANGED;
         }
         if (result != SENSOR_BUS_NACK && result != SENSOR_WRONG_CHIP) {
@@ -230,7 +235,8 @@ static enum sensor_result check_magnetic(struct joined *joined,
         return look_for_mag(joined, bus);
     }
     ++joined->mag_age;
-    if (joined->mag_age > MAG_SILENT_CHECKS) {
+    if (joined->mag_age > MAG_SILENT_LOOKS) {
+        joined->mag_failures = mag_failed_again(joined->mag_failures);
         return SENSOR_MAG_CHANGED;
     }
     return verify(joined, &joined->magnetic, bus);

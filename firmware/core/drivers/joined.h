@@ -59,7 +59,7 @@ struct joined {
     bool has_mag;          // it measures, and is in the bursts
     bool checks_magnetic;  // it is looked after next
     uint8_t mag_age;       // checks since it last measured, or was looked for
-    uint8_t mag_failures;  // set-ups in a row that it was there for, and did not work
+    uint8_t mag_failures;  // set-ups that it has spoiled: mag_watch.h
 };
 
 // The functions of struct sensor_driver; `state` is a struct joined. Each chip is found
@@ -67,8 +67,8 @@ struct joined {
 //
 // A magnetometer that does not answer is left out: six axes, who_am_i[1] is 0. It is
 // looked for once every two checks, and a new set-up brings it back. One that answers
-// and does not work is left out too, reported by `mag_failed`, and searched at growing
-// intervals. Without it the second burst has length 0.
+// and does not work, or holds the bus, is left out too, reported by `mag_failed`, and
+// tried at growing intervals. Without it the second burst has length 0.
 void joined_begin(void *state);
 enum sensor_result joined_setup(void *state, const IN_FLASH struct bus_device *bus,
                                 uint32_t now_us) MUST_CHECK;

@@ -72,6 +72,7 @@ bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     out->acc_clipped = take_axes(acc, ACC_COUNTS_MAX, &out->acc);
     out->gyr_clipped = take_axes(gyr, GYR_COUNTS_MAX, &out->gyr);
     out->temperature_cdeg = temperature_cdeg(bytes + TEMPERATURE_PLACE);
+    chip->mag_measured |= is_fresh(mag);
     out->has_mag = chip->has_mag && is_fresh(mag);
     out->mag_overflow = false;
     out->mag = (struct counts){0};

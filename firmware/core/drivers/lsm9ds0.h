@@ -37,14 +37,17 @@ struct lsm9ds0 {
     struct lsm9ds0_config config;
     struct sensor_identity identity;
     struct bus_burst bursts[LSM9DS0_BURSTS];
-    uint16_t since;  // start of the current wait, ticks of 1.024 ms
-    uint16_t wait;   // ticks
-    uint8_t step;    // of set-up
-    uint8_t count;   // samples within the step
-    uint8_t ready;   // sensors that were data-ready, within the last step
-    uint8_t held;    // samples since the last new acceleration
-    bool has_mag;    // the magnetometer measures
-    bool checks_xm;  // the half whose registers are read back next
+    uint16_t since;        // start of the current wait, ticks of 1.024 ms
+    uint16_t wait;         // ticks
+    uint8_t step;          // of set-up
+    uint8_t count;         // samples within the step
+    uint8_t ready;         // sensors that were data-ready, within the last step
+    uint8_t held;          // samples since the last new acceleration
+    bool has_mag;          // the magnetometer measures
+    bool mag_measured;     // since it was last looked after
+    bool checks_xm;        // the half whose registers are read back next
+    uint8_t mag_age;       // looks without a field
+    uint8_t mag_failures;  // mag_watch.h
     struct self_test test;
 };
 
@@ -52,7 +55,9 @@ struct lsm9ds0 {
 // s (0.9 s from the second time on: the inertial verdict is kept); a step of it holds
 // the bus for 0.5 ms at most. The self-test of a probe that moves has no verdict unless
 // it passes. The magnetometer has no self-test: it gets no flag, or `failed` where it
-// never measures; then who_am_i[1] is 0 and the probe has six axes.
+// never measures; then who_am_i[1] is 0 and the probe has six axes. One that stops is
+// noticed after six looks, 12 s, and left out if three set-ups don't help; one that
+// measures again is brought back, by a set-up, at growing intervals.
 //
 // A chip of another kind is named by who_am_i[0], in whichever half it is.
 //

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "core/drivers/lsm9ds0_private.h"
+#include "core/drivers/mag_watch.h"
 #include "core/math/fixed.h"
 #include "core/wire/messages.h"
 
@@ -309,12 +310,31 @@ static enum sensor_result ready(struct lsm9ds0 *chip,
     if (result != SENSOR_OK) {
         return result;
     }
-    chip->has_mag = (chip->ready & MAG_READY) != 0;
+    chip->has_mag =
+        (chip->ready & MAG_READY) != 0 && !mag_is_left_out(chip->mag_failures);
     if (!chip->has_mag) {
         chip->identity.who_am_i[1] = 0;
         chip->identity.self_test |= SELF_TEST_MAG_FAILED;
     }
     (void)go_on(chip, now, 0);
+    return SENSOR_OK;
+}
+
+// One that does not measure, or measures again, is for a new set-up.
+static enum sensor_result watch_mag(struct lsm9ds0 *chip) {
+    const bool measured = chip->mag_measured;
+    chip->mag_measured = false;
+    ++chip->mag_age;
+    if (chip->has_mag && measured) {
+        chip->mag_age = 0;
+        chip->mag_failures = 0;
+    } else if (chip->has_mag && chip->mag_age > MAG_SILENT_LOOKS) {
+        chip->mag_failures = mag_failed_again(chip->mag_failures);
+        return SENSOR_MAG_CHANGED;
+    } else if (measured && !chip->has_mag && chip->mag_age > chip->mag_failures) {
+        chip->mag_failures = mag_tried_again(chip->mag_failures);
+        return SENSOR_MAG_CHANGED;
+    }
     return SENSOR_OK;
 }
 
@@ -340,14 +360,17 @@ enum sensor_result lsm9ds0_check(void *state, const IN_FLASH struct bus_device *
             return SENSOR_UNSET;
         }
     }
-    return result;
+    return result == SENSOR_OK && is_xm && chip->step == DONE ? watch_mag(chip)
+                                                              : result;
 }
 
 void lsm9ds0_begin(void *state) {
     struct lsm9ds0 *chip = state;
     const struct lsm9ds0_config config = chip->config;
     const uint8_t verdict = chip->identity.self_test & (uint8_t)~SELF_TEST_MAG_FAILED;
+    const uint8_t mag_failures = chip->mag_failures;
     memset(chip, 0, sizeof *chip);
+    chip->mag_failures = mag_failures;
     chip->config = config;
     chip->identity.self_test = verdict;
     chip->bursts[0] = (struct bus_burst){

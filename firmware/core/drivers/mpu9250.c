@@ -5,8 +5,6 @@
 #include "core/math/fixed.h"
 
 enum {
-    GYR_PLACE = 8,  // among the bytes of a burst
-
     // Of the AK8963.
     ST1_DRDY = 0x01,
     ST1_DOR = 0x02,
@@ -25,14 +23,13 @@ const IN_FLASH struct sensor_identity mpu9250_known = {
     .mag_lsb_pt = 150000,  // AK 5: 0.15 uT
 };
 
-// Three axes; true where one is at the end of its range.
-static bool take_axes(const uint8_t *bytes, struct counts *out) {
+bool mpu9250_take_axes(const uint8_t *bytes, int16_t *out) {
     bool is_clipped = false;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const int16_t value = mpu9250_word(bytes + 2 * axis);
         // 32767, -32768 and -32767 follow each other modulo 2^16.
         is_clipped |= (uint16_t)((uint16_t)value - INT16_MAX) < 3;
-        out->axis[axis] = value;
+        out[axis] = value;
     }
     return is_clipped;
 }
@@ -75,6 +72,7 @@ static void take_field(struct mpu9250 *chip, const uint8_t *block, struct sample
         is_beyond |= fixed_magnitude(adjusted) > INT16_MAX;
     }
     chip->mag_age = 0;
+    chip->mag_failures = 0;
     if (is_beyond) {
         out->mag_overflow = true;
         return;
@@ -102,8 +100,8 @@ bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
         return false;
     }
     out->time_us = time_us;
-    out->acc_clipped = take_axes(bytes, &out->acc);
-    out->gyr_clipped = take_axes(bytes + GYR_PLACE, &out->gyr);
+    out->acc_clipped = mpu9250_take_axes(bytes, out->acc.axis);
+    out->gyr_clipped = mpu9250_take_axes(bytes + MPU9250_GYR_PLACE, out->gyr.axis);
     // RM 65: TEMP_OUT / 333.87 + 21 degC.
     out->temperature_cdeg =
         (int16_t)(fixed_scale_down(mpu9250_word(bytes + MPU9250_TEMPERATURE_PLACE) *

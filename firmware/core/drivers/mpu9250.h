@@ -30,14 +30,15 @@ struct mpu9250 {
     uint8_t mag[6];       // its data last read
     uint8_t mag_age;      // checks since it last measured, or was looked for
     // A new set-up forgets all before these.
-    uint8_t mag_failures;  // set-ups that the AK8963 has spoiled in a row
+    uint8_t mag_failures;  // of the AK8963: mag_watch.h
     struct message_self_test test;
 };
 
 // The functions of struct sensor_driver; `state` is a struct mpu9250. Any chip runs
 // whose identity is not 0x00 or 0xFF, whose registers read back as written and whose
 // force is near 1 g at some time of a second: clones have other identities. An
-// AK8963 that does not answer is left out, and looked for again later.
+// AK8963 that does not answer is left out, and looked for again later; so is one that
+// answers and does not measure, after three set-ups, at growing intervals.
 //
 // Set-up takes 0.7 s (0.4 s from the second time on: what the inertial dies answered to
 // their self-test is kept); a step of it holds the bus for 0.5 ms at most. A sample

@@ -19,12 +19,16 @@ enum {
                                       // then EXT_SENS_DATA (RM 73)
     MPU9250_INERTIAL_BYTES = 14,
     MPU9250_TEMPERATURE_PLACE = 6,  // among these bytes
-    MPU9250_MAG_BYTES = 8,          // ST1, three axes little-endian, ST2
+    MPU9250_GYR_PLACE = 8,
+    MPU9250_MAG_BYTES = 8,  // ST1, three axes little-endian, ST2
 };
 
 // The identity before the chip answers. In another file than set-up, or the compiler
 // would store it field by field.
 extern const IN_FLASH struct sensor_identity mpu9250_known;
+
+// Three axes; true where one is at the end of its range.
+bool mpu9250_take_axes(const uint8_t *bytes, int16_t *out);
 
 // The AK8963 answers: its block is in the burst.
 static inline bool mpu9250_has_mag(const struct mpu9250 *chip) {

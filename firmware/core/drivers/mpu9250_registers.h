@@ -7,6 +7,7 @@
 // Of the MPU-9250.
 enum {
     REG_SELF_TEST_X_GYRO = 0x00,   // RM 0 to 2
+    REG_OTHER_WHO_AM_I = 0x00,     // of Bosch's chips and the ICM-20948, bank 0
     REG_SELF_TEST_X_ACCEL = 0x0D,  // RM 13 to 15
     REG_SMPLRT_DIV = 0x19,         // RM 25
     REG_CONFIG = 0x1A,             // RM 26
@@ -49,6 +50,11 @@ enum {
     INT_PULSE = 0x00,
     BYPASS_EN = 0x02,  // the AK8963 is on the host's bus
 
+    WHO_MPU6500 = 0x70,  // then MPU-9250, a gap, MPU-9255, MPU-6515
+    WHO_MPU6515 = 0x74,
+    // As drivers of others have them; no document was at hand.
+    WHO_BMI160 = 0xD1,
+    WHO_ICM20948 = 0xEA,
     // The byte of an undriven or held bus.
     WHO_NOBODY = 0xFF,
     WHO_HELD = 0x00,

@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/drivers/mag_watch.h"
 #include "core/drivers/mpu9250_private.h"
 #include "core/drivers/mpu9250_registers.h"
 #include "core/math/fixed.h"
@@ -27,9 +28,7 @@ enum {
     MAG_TEST_TICKS = 11,    // AK 5: a measurement takes 9 ms at most
     // Of transfers that the AK8963 refuses, MAG_TICKS each: it may after its reset.
     MAG_TRIES = 50,
-    // Set-ups that the AK8963 may spoil, before the probe does without it for a while.
-    MAG_FAILURES_MAX = 3,
-    MAG_SILENT_CHECKS = 5,  // seconds without a measurement
+    MAG_READ = 3,  // bytes: more than its name goes to places that are written later
 };
 
 // A resting force, in counts at 2 g, and the square of the least and the most that is
@@ -60,8 +59,8 @@ enum {
     DONE,
 
     // And a register of the AK8963: the value is written to one of its control
-    // registers, the place gets another. None of these rows up to MAG_END is done
-    // without an AK8963.
+    // registers, the place gets another and the two after it. None of these rows up to
+    // MAG_END is done without an AK8963.
     MAG = 0x40,
     MAG_BYPASS = 0x60,  // puts it on the host's bus
     MAG_IDENTIFY,       // by the WIA that was read
@@ -79,7 +78,7 @@ _Static_assert(sizeof(struct mpu9250) <= UINT8_MAX, "a place is a byte");
 // In the order in which they are done. H_RESET has set all registers that are not
 // written here to 0 (RM 3).
 struct table {
-    struct row start[62];
+    struct row start[58];
     struct row kept[13];  // the configuration in operation, which is read back
     struct row end[11];
 };
@@ -89,6 +88,11 @@ static const IN_FLASH struct table table = {
     {
         {WAIT, STARTUP_TICKS},
         {READ + REG_I2C_SLV0_CTRL, PLACE(was_running)},
+        // Nothing is written before: a clock may be at this address.
+        {READ + REG_WHO_AM_I, PLACE(identity.who_am_i[0])},
+        {READ + REG_PWR_MGMT_1, PLACE(read)},
+        {READ + REG_PWR_MGMT_2, PLACE(count)},
+        {IDENTIFY, 0},
         // The processor may have been reset while the chip's master read: cut
         // off by H_RESET, the AK8963 would wait for the rest of its byte and
         // hold its bus (RM 106, I2C_MST_RST).
@@ -96,8 +100,6 @@ static const IN_FLASH struct table table = {
         {WAIT, MASTER_STOP_TICKS},
         {REG_PWR_MGMT_1, H_RESET},
         {WAIT, STARTUP_TICKS},
-        {READ + REG_WHO_AM_I, PLACE(identity.who_am_i[0])},
-        {IDENTIFY, 0},
         {REG_PWR_MGMT_1, CLKSEL_AUTO},
         {WAIT, GYRO_START_TICKS},
 
@@ -139,14 +141,12 @@ static const IN_FLASH struct table table = {
         {REG_USER_CTRL, 0},
 
         {MAG_BYPASS, BYPASS_EN},
-        {MAG + AK_CNTL2, SRST},
-        {WAIT, MAG_TICKS},
         {MAG + AK_WIA, PLACE(identity.who_am_i[1])},
         {MAG_IDENTIFY, 0},
+        {MAG + AK_CNTL2, SRST},
+        {WAIT, MAG_TICKS},
         {MAG + AK_CNTL1, MODE_FUSE},
-        {MAG + AK_ASAX, PLACE(identity.mag_adjust[0])},
-        {MAG + AK_ASAX + 1, PLACE(identity.mag_adjust[1])},
-        {MAG + AK_ASAX + 2, PLACE(identity.mag_adjust[2])},
+        {MAG + AK_ASAX, PLACE(identity.mag_adjust)},
         {MAG + AK_CNTL1, MODE_POWER_DOWN},
         {WAIT, MAG_TICKS},
 
@@ -154,12 +154,8 @@ static const IN_FLASH struct table table = {
         {MAG + AK_ASTC, SELF_FIELD_ON},
         {MAG + AK_CNTL1, MODE_SELF_TEST},
         {WAIT, MAG_TEST_TICKS},
-        {MAG + AK_HXL, PLACE(test.mag_response[0])},
-        {MAG + AK_HXL + 1, PLACE(test.mag_response[0]) + 1},
-        {MAG + AK_HXL + 2, PLACE(test.mag_response[1])},
-        {MAG + AK_HXL + 3, PLACE(test.mag_response[1]) + 1},
-        {MAG + AK_HXL + 4, PLACE(test.mag_response[2])},
-        {MAG + AK_HXL + 5, PLACE(test.mag_response[2]) + 1},
+        {MAG + AK_HXL, PLACE(test.mag_response)},
+        {MAG + AK_HXL + MAG_READ, PLACE(test.mag_response) + MAG_READ},
         {MAG + AK_ASTC, SELF_FIELD_OFF},
         {MAG + AK_CNTL1, MODE_POWER_DOWN},
     },
@@ -234,18 +230,42 @@ static void wait_for(struct mpu9250 *chip, uint16_t now, uint8_t ticks) {
 // The functions of rows: SENSOR_OK where the row is done, SENSOR_BUSY where it
 // continues.
 
+// By the names of InvenSense's family. A relative of another name has the power
+// registers as a reset leaves them, and as this driver does (RM 107, 108).
+static enum sensor_result identify(struct mpu9250 *chip) {
+    const uint8_t who = chip->identity.who_am_i[0];
+    const bool is_relative = chip->read == CLKSEL_AUTO && chip->count == 0 &&
+                             who != WHO_HELD && who != WHO_NOBODY;
+    chip->count = 0;
+    return is_relative || (who >= WHO_MPU6500 && who <= WHO_MPU6515)
+               ? SENSOR_OK
+               : SENSOR_WRONG_CHIP;
+}
+
+#ifndef ACQUISITION_WIRED_ONLY
+// Another that may be at this address has its name at another place.
+static enum sensor_result name_other(struct mpu9250 *chip,
+                                     const IN_FLASH struct bus_device *bus) {
+    const enum sensor_result result =
+        read(bus, MPU9250_ADDRESS, REG_OTHER_WHO_AM_I, &chip->read, 1);
+    if (result != SENSOR_OK) {
+        return result;
+    }
+    if (chip->read == WHO_BMI160 || chip->read == WHO_ICM20948) {
+        chip->identity.who_am_i[0] = chip->read;
+    }
+    return SENSOR_WRONG_CHIP;
+}
+#endif
+
 static enum sensor_result
 test_read(struct mpu9250 *chip, const IN_FLASH struct bus_device *bus, uint8_t place) {
     uint8_t bytes[MPU9250_INERTIAL_BYTES];
     int16_t *out = at(chip, place);
     const enum sensor_result result =
         read(bus, MPU9250_ADDRESS, MPU9250_REG_ACCEL_XOUT_H, bytes, sizeof bytes);
-    for (uint8_t from = 0; from < sizeof bytes; from = (uint8_t)(from + 2)) {
-        if (from != MPU9250_TEMPERATURE_PLACE) {
-            *out = mpu9250_word(bytes + from);
-            ++out;
-        }
-    }
+    (void)mpu9250_take_axes(bytes, out);
+    (void)mpu9250_take_axes(bytes + MPU9250_GYR_PLACE, out + 3);
     return result;
 }
 
@@ -272,10 +292,10 @@ NOINLINE static void mag_is_absent(struct mpu9250 *chip) {
     memset(&chip->identity.who_am_i[1], 0, 4);
 }
 
-// A set-up that the AK8963 has spoiled: it holds its bus, and so that of the host while
-// the bypass is on. Recovery of the bus then clocks it free.
+// A set-up that the AK8963 has spoiled. Where it holds its bus, and so that of the host
+// while the bypass is on, recovery of the bus then clocks it free.
 static enum sensor_result mag_failed(struct mpu9250 *chip) {
-    ++chip->mag_failures;
+    chip->mag_failures = mag_failed_again(chip->mag_failures);
     return SENSOR_MAG_STUCK;
 }
 
@@ -296,7 +316,7 @@ static enum sensor_result do_mag_row(struct mpu9250 *chip,
     if (what == MAG_BYPASS) {
         result = write(bus, MPU9250_ADDRESS, REG_INT_PIN_CFG, value);
     } else if (reg < AK_CNTL1 || reg > AK_ASTC) {
-        result = read(bus, AK8963_ADDRESS, reg, at(chip, value), 1);
+        result = read(bus, AK8963_ADDRESS, reg, at(chip, value), MAG_READ);
     } else {
         result = write(bus, AK8963_ADDRESS, reg, value);
     }
@@ -365,8 +385,13 @@ static enum sensor_result do_row(struct mpu9250 *chip,
         wait_for(chip, now, value);
         return SENSOR_OK;
     case IDENTIFY: {
-        const uint8_t who = chip->identity.who_am_i[0];
-        return who == WHO_HELD || who == WHO_NOBODY ? SENSOR_WRONG_CHIP : SENSOR_OK;
+        enum sensor_result result = identify(chip);
+#ifndef ACQUISITION_WIRED_ONLY
+        if (result == SENSOR_WRONG_CHIP) {
+            result = name_other(chip, bus);
+        }
+#endif
+        return result;
     }
     case SKIP_IF_TESTED:
         if (chip->identity.self_test != 0) {
@@ -388,7 +413,7 @@ static enum sensor_result do_row(struct mpu9250 *chip,
     case MAG_ALIVE:
         // Held since its power came: nothing frees it, and no attempt may be made.
         if ((chip->read & value) == 0 && chip->was_running == 0) {
-            chip->mag_failures = UINT8_MAX;
+            chip->mag_failures = MAG_NEVER;
             mag_is_absent(chip);
         }
         return SENSOR_OK;
@@ -420,7 +445,7 @@ void mpu9250_begin(void *state) {
     chip->bursts[0].address = MPU9250_ADDRESS;
     chip->bursts[0].reg = MPU9250_REG_ACCEL_XOUT_H;
     set_has_mag(chip, true);
-    if (chip->mag_failures >= MAG_FAILURES_MAX) {
+    if (mag_is_left_out(chip->mag_failures)) {
         mag_is_absent(chip);
     }
 }
@@ -465,7 +490,7 @@ static enum sensor_result look_for_mag(struct mpu9250 *chip,
         return mag_failed(chip);
     }
     if (chip->read == AK8963_ID) {
-        chip->mag_failures = 0;
+        chip->mag_failures = mag_tried_again(chip->mag_failures);
         return SENSOR_MAG_CHANGED;
     }
     return write(bus, MPU9250_ADDRESS, REG_INT_PIN_CFG, INT_PULSE);
@@ -477,7 +502,10 @@ enum sensor_result mpu9250_check(void *state, const IN_FLASH struct bus_device *
     if (!mpu9250_has_mag(chip)) {
         return result == SENSOR_OK ? look_for_mag(chip, bus) : result;
     }
-    chip->mag_failures = 0;
     ++chip->mag_age;
-    return chip->mag_age > MAG_SILENT_CHECKS ? SENSOR_MAG_CHANGED : result;
+    if (chip->mag_age <= MAG_SILENT_LOOKS) {
+        return result;
+    }
+    (void)mag_failed(chip);
+    return SENSOR_MAG_CHANGED;
 }

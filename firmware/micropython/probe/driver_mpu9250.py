@@ -19,6 +19,7 @@ from .fast import swap_axes
 
 _ADDRESS = const(0x68)  # pin AD0 low
 _WHO_AM_I = const(0x75)
+_PWR_MGMT_1 = const(0x6B)
 _ACCEL_XOUT_H = const(0x3B)
 _WIA = const(0x00)  # of the AK8963
 _ST1_READY = const(0x01)
@@ -27,7 +28,7 @@ _ST2_16_BIT = const(0x10)
 _AK_MAX = const(32760)  # AK 8.3: measurement data
 _INERTIAL = const(14)
 
-_MASTER_OFF_US = const(3_000)  # a burst of the AK8963 takes less
+_MASTER_OFF_US = const(3_500)  # a burst of the AK8963 takes less
 _STARTUP_US = const(110_000)
 _GYRO_START_US = const(50_000)
 _SETTLE_US = const(75_000)
@@ -37,6 +38,7 @@ _TRIES = const(50)  # of a transfer that the AK8963 refuses
 # Samples: 1 s without a field, and 10 s until an AK8963 that is absent is tried again.
 _SILENT = const(200)
 _ABSENT = const(2000)
+_LEFT_OUT = const(7)  # core/drivers/mag_watch.h
 # From 0.75 to 1.25 g, squared; 2048 counts a g.
 _FORCE_MIN = const(1536 * 1536)
 _FORCE_MAX = const(2560 * 2560)
@@ -63,6 +65,7 @@ class Driver:
         self.detail = 0  # of an OSError with a cause
         self._has_mag = False
         self._without = 0  # samples since the last field, or since it is absent
+        self._spoiled = 0  # set-ups, by an AK8963 without fields: as in mag_watch.h
         self._adjust = bytearray(3)
         self._field = bytearray(6)  # last read
 
@@ -88,6 +91,8 @@ class Driver:
         self._step += 1
         self._wait_us = _STARTUP_US
         if self._step == 2:
+            # Nothing is written before: a clock may be at this address.
+            self._identify()
             # A reset while the master reads can leave the AK8963 holding its bus (RM
             # 106, of I2C_MST_RST).
             self._write(_MASTER_OFF)
@@ -95,7 +100,6 @@ class Driver:
         elif self._step == 3:
             self._write(b"\x6b\x80")  # H_RESET
         elif self._step == 4:
-            self._identify()
             self._write(_INERTIAL_SETUP)
             self._wait_us = _GYRO_START_US
         elif self._step == 5:
@@ -117,8 +121,11 @@ class Driver:
         raise OSError(_LOST + cause)
 
     def _identify(self):
-        self.who_am_i = self._register(_WHO_AM_I)
-        if self.who_am_i in (0x00, 0xFF):  # of an undriven or held bus
+        """By InvenSense's names, or a relative's registers: mpu9250_setup.c."""
+        self.who_am_i = who = self._register(_WHO_AM_I)
+        power = self._i2c.readfrom_mem(_ADDRESS, _PWR_MGMT_1, 2)
+        is_relative = who not in (0x00, 0xFF) and bytes(power) == b"\x01\x00"
+        if not (is_relative or 0x70 <= who <= 0x74):
             self._fail(wire.CAUSE_WRONG_CHIP)
 
     def _compare(self, pairs):
@@ -150,7 +157,10 @@ class Driver:
 
     def _set_up_field(self):
         # WIA. CNTL2: reset. CNTL1: fuse ROM; ASAX; CNTL1: off, then 100 Hz, 16 bits.
-        self._has_mag = self._transfer(_WIA) == 0x48 and self._begin_field()
+        is_out = self._spoiled & _LEFT_OUT == _LEFT_OUT
+        self._has_mag = (
+            not is_out and self._transfer(_WIA) == 0x48 and self._begin_field()
+        )
         if not self._has_mag:
             self._write(_MASTER_OFF)
 
@@ -213,15 +223,19 @@ class Driver:
         self._without += 1
         if self._has_mag:
             if self._without > _SILENT:
+                self._spoiled = (self._spoiled << 1 | self._spoiled | 1) & 127
                 self._fail(wire.CAUSE_MAG_SILENT)
-        elif self._without == _ABSENT:
+            return
+        pause = _ABSENT * (1 + self._spoiled)
+        if self._without == pause:
             self._write(_MASTER_ON)
             ask(self._i2c, _WIA)
-        elif self._without > _ABSENT + 1:
+        elif self._without > pause + 1:
             self._without = 0
             is_back = answer(self._i2c) == 0x48
             self._write(_MASTER_OFF)
             if is_back:
+                self._spoiled -= self._spoiled & _LEFT_OUT == _LEFT_OUT
                 self._fail(wire.CAUSE_MAG_SILENT)
 
     def _take_field(self, data, raw):
@@ -241,7 +255,7 @@ class Driver:
             self._field[n] = byte
         if not is_new or min(x, y, z) < -_AK_MAX or max(x, y, z) > _AK_MAX:
             return 0
-        self._without = 0
+        self._without = self._spoiled = 0
         # AK 8.3: H * ((ASA - 128) * 0.5 / 128 + 1), rounded.
         x = (x * (128 + self._adjust[0]) + 128) >> 8
         y = (y * (128 + self._adjust[1]) + 128) >> 8

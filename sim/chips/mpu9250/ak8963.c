@@ -105,6 +105,10 @@ void mpu9250_chip_end_measurement(struct mpu9250_chip *chip) {
     const uint8_t mode = ak->reg[AK_CNTL1] & AK_MODE;
     double own_ut[3];
     ak_sense(chip, own_ut);
+    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_MAG_IDLE, 0)) {
+        ak_begin_measurement(chip);
+        return;
+    }
     if (ak->is_reading) {
         ak->reg[AK_ST1] |= AK_DOR;  // AK 6.4.3.4: protected data stay, this one is lost
     } else {
