@@ -106,13 +106,51 @@ def test_times_are_those_of_the_edges() -> None:
     assert max(map(abs, errors[5:])) < 60
 
 
-def test_a_board_that_had_edges_does_not_ask() -> None:
-    board = Asked().sampling()
-    assert isinstance(board, Asked)
-    board.take(lib.READING_OK)
-    board.step(SILENCE_US)
-    board.gives_up_for(lib.EVENT_SENSOR_FAULT, lib.CAUSE_NO_DATA_READY, 0x71)
+class Wired(Asked):
+    """Its sensor has a wire, which comes off and back."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_wired, self.off_us = True, 0  # of an edge that is not the sensor's
+        self.edge = 0
+        self.setup_results = [lib.SENSOR_OK] * 99
+
+    def _start(self, bursts: Any, count: int) -> None:
+        super()._start(bursts, count)
+        self.edge = self.bench.now_us // PERIOD_US
+
+    def _take(self, out: Any) -> int:
+        newest = (self.bench.now_us - self.off_us) // PERIOD_US
+        if self.calls[-1:] == ["stop"] or not self.is_wired or newest == self.edge:
+            return int(lib.READING_NONE)
+        self.edge = newest
+        out.time_us, out.missed, out.bytes[0] = newest * PERIOD_US + self.off_us, 0, 0
+        return int(lib.READING_OK)
+
+
+def test_a_wire_that_comes_off_is_done_without_and_used_again() -> None:
+    board = Wired()
+    board.run(2)
+    assert board.samples == pytest.approx(400, abs=2)
+    board.is_wired = False
+    board.run(2)
+    told = (lib.EVENT_SENSOR_FAULT, lib.CAUSE_NO_DATA_READY, 0x71)
+    assert board.bench.events().count(told) == 2
+    assert board.c.is_polled
+    before = board.samples
+    board.run(4)  # listened in vain: no sample is lost
+    assert board.samples - before == pytest.approx(800, abs=2)
+    board.off_us = PERIOD_US // 2
+    board.is_wired = True
+    board.run(2)
+    assert board.c.is_polled  # such edges are noise
+    board.off_us = 0
+    before, board.gaps = board.samples, []
+    board.run(2)
     assert not board.c.is_polled
+    told = (lib.EVENT_BUS_RECOVERED, lib.CAUSE_NO_DATA_READY, 0)
+    assert board.bench.events()[-1] == told
+    assert board.samples - before == pytest.approx(400, abs=2)
 
 
 @pytest.mark.parametrize("reg", [STATUS[1], BURSTS[1][1]])
@@ -183,8 +221,13 @@ class Choice(Asked):
         return [e for e in self.bench.events() if e[0] == lib.EVENT_BUS_FAULT]
 
 
-def test_where_the_first_sensor_does_not_answer_another_is_set_up() -> None:
+NOT_IT = ["BUS_NACK", "WRONG_CHIP", "UNSET", "NO_FORCE"]
+
+
+@pytest.mark.parametrize("result", NOT_IT)
+def test_where_the_first_sensor_is_not_there_another_is_set_up(result: str) -> None:
     board = Choice()
+    board.setup_results = [getattr(lib, f"SENSOR_{result}")]
     board.other_results = [lib.SENSOR_BUSY, lib.SENSOR_OK]
     for _ in range(3):
         board.step()
@@ -192,6 +235,19 @@ def test_where_the_first_sensor_does_not_answer_another_is_set_up() -> None:
     assert board.faults == []
     assert board.c.phase == lib.ACQUISITION_SAMPLING
     assert board.sensor == lib.SENSOR_LSM6DSOX
+
+
+@pytest.mark.parametrize("result", NOT_IT[1:])
+def test_without_the_other_the_fault_of_the_first_is_told(result: str) -> None:
+    board = Choice()
+    board.identity.who_am_i = [0x03, 0]
+    board.setup_results = [getattr(lib, f"SENSOR_{result}"), lib.SENSOR_OK]
+    board.other_results = [lib.SENSOR_BUS_NACK]
+    board.step()
+    board.step()
+    cause = {"WRONG_CHIP": "WRONG_CHIP", "UNSET": "REGISTERS", "NO_FORCE": "FORCE"}
+    told = (lib.EVENT_SENSOR_FAULT, getattr(lib, f"CAUSE_{cause[result]}"), 0x03)
+    assert board.bench.events()[1:] == [told]  # after that of the settings
 
 
 def test_where_neither_answers_that_is_told_and_the_first_is_tried_again() -> None:
@@ -208,7 +264,7 @@ def test_where_neither_answers_that_is_told_and_the_first_is_tried_again() -> No
     assert board.sensor == lib.SENSOR_MPU9250
 
 
-@pytest.mark.parametrize("result", ["BUS_STUCK", "BUS_TIMEOUT", "STUCK", "WRONG_CHIP"])
+@pytest.mark.parametrize("result", ["BUS_STUCK", "BUS_TIMEOUT", "STUCK"])
 def test_a_sensor_that_is_there_and_fails_is_not_given_up_for_another(result) -> None:
     board = Choice()
     board.setup_results = [getattr(lib, f"SENSOR_{result}"), lib.SENSOR_OK]

@@ -15,10 +15,13 @@ enum {
     // It waits for such a sample up to 55 more.
     CHECK_SAMPLES = 200,
     CHECK_WITHIN_US = 1000,
+    SILENCES_MAX = 2,  // set-ups without an edge, before the sensor is asked
 };
 
 // One and a half periods of a sensor, times its rate in Hz.
 #define GAP_PERIODS_US UINT32_C(1500000)
+// One and a quarter.
+#define LISTENING_PERIODS_US UINT32_C(1250000)
 
 // How a step ended: as enum reading_result has it, or enum sensor_result.
 enum outcome {
@@ -92,6 +95,9 @@ static void begin_setup(struct acquisition *acquisition) {
     sensor->begin(sensor->state);
     acquisition->phase = ACQUISITION_SETUP;
     acquisition->failed = 0;
+#ifndef ACQUISITION_WIRED_ONLY
+    acquisition->listens = false;
+#endif
 }
 
 void acquisition_begin(struct acquisition *acquisition,
@@ -124,15 +130,28 @@ static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
 }
 
 #ifndef ACQUISITION_WIRED_ONLY
-// Where nobody has answered, tries the sensor that may be there in its place; false
-// where that was the last one. No fault is told before.
-static bool tries_another(struct acquisition *acquisition) {
-    if (acquisition->is_found || !acquisition->sensor->or_else) {
+// Where nobody has answered, or something else, tries the sensor that may be there in
+// its place; false where that was the last one. No fault is told before; then it is
+// that of the first, unless only the other is there.
+static bool tries_another(struct acquisition *acquisition, enum outcome *outcome) {
+    const IN_FLASH struct sensor_driver *other = acquisition->sensor->or_else;
+    const bool is_other = *outcome == OUTCOME_WRONG_CHIP || *outcome == OUTCOME_UNSET ||
+                          *outcome == OUTCOME_NO_FORCE;
+    if (acquisition->is_found || (*outcome != OUTCOME_NACK && !is_other)) {
         return false;
     }
-    acquisition->sensor = acquisition->sensor->or_else;
-    begin_setup(acquisition);
-    return true;
+    if (other) {
+        acquisition->first = (enum sensor_result) * outcome;
+        acquisition->sensor = other;
+        begin_setup(acquisition);
+        return true;
+    }
+    if (*outcome == OUTCOME_NACK &&
+        acquisition->sensor != ACQUISITION_PORT(acquisition)->sensor) {
+        acquisition->sensor = ACQUISITION_PORT(acquisition)->sensor;
+        *outcome = (enum outcome)acquisition->first;
+    }
+    return false;
 }
 
 // Asks the sensor, and reads its sample; as take_reading() of a board with the wire.
@@ -172,10 +191,36 @@ static enum reading_result ask(struct acquisition *acquisition, struct reading *
                : READING_NONE;
 }
 
-// No edge has come since boot: perhaps there is no wire. True: asked from now on.
+// Listens for edges instead of asking, until one has come, which was due, or the time
+// is over.
+static enum reading_result listen(struct acquisition *acquisition, struct reading *out,
+                                  uint32_t now_us) {
+    const IN_FLASH struct acquisition_port *port = ACQUISITION_PORT(acquisition);
+    const enum reading_result result = port->take_reading(out);
+    const uint16_t rate_hz = acquisition->sensor->identity->rate_hz;
+    if (result == READING_NONE &&
+        now_us - acquisition->listening_us < LISTENING_PERIODS_US / rate_hz) {
+        return READING_NONE;
+    }
+    acquisition->listens = false;
+    if (result == READING_OK && polled_is_next(&acquisition->polled, out->time_us)) {
+        acquisition->is_polled = false;
+        probe_tell(acquisition->probe, EVENT_BUS_RECOVERED, CAUSE_NO_DATA_READY, 0,
+                   now_us);
+        return READING_OK;
+    }
+    port->stop_sampling();
+    return READING_NONE;
+}
+
+// No edge has come since boot, or in set-ups in a row: perhaps there is no wire, or it
+// is off. True: asked from now on.
 static bool goes_without_wire(struct acquisition *acquisition, uint32_t now_us) {
-    if (acquisition->is_polled || acquisition->is_wired ||
-        acquisition->sensor->ready == NULL) {
+    if (acquisition->is_polled || acquisition->sensor->ready == NULL) {
+        return false;
+    }
+    if (acquisition->is_wired && acquisition->silences < SILENCES_MAX) {
+        ++acquisition->silences;
         return false;
     }
     ACQUISITION_PORT(acquisition)->stop_sampling();
@@ -197,8 +242,9 @@ uint32_t acquisition_polled_edges(const struct acquisition *acquisition) {
     return acquisition->polled.edges;
 }
 #else
-static bool tries_another(struct acquisition *acquisition) {
+static bool tries_another(struct acquisition *acquisition, enum outcome *outcome) {
     (void)acquisition;
+    (void)outcome;
     return false;
 }
 
@@ -219,8 +265,10 @@ take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now
         ACQUISITION_PORT(acquisition)->take_reading(&reading);
 #else
     const enum reading_result result =
-        acquisition->is_polled ? ask(acquisition, &reading)
-                               : ACQUISITION_PORT(acquisition)->take_reading(&reading);
+        acquisition->listens ? listen(acquisition, &reading, now_us)
+        : acquisition->is_polled
+            ? ask(acquisition, &reading)
+            : ACQUISITION_PORT(acquisition)->take_reading(&reading);
     acquisition->is_wired |= !acquisition->is_polled && result == READING_OK;
 #endif
     if (result != READING_OK) {
@@ -266,8 +314,15 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
     acquisition->unchecked = 0;
 #ifndef ACQUISITION_WIRED_ONLY
     if (acquisition->is_polled) {  // keep what is known of its edges
-        return (enum outcome)sensor->check(sensor->state, port->bus);
+        const enum sensor_result found = sensor->check(sensor->state, port->bus);
+        acquisition->listens = acquisition->is_wired;
+        if (acquisition->listens) {
+            acquisition->listening_us = now_us;
+            port->start_sampling(sensor->bursts, bursts_of(sensor));
+        }
+        return (enum outcome)found;
     }
+    acquisition->silences = 0;
 #endif
     port->stop_sampling();
     const enum sensor_result result = sensor->check(sensor->state, port->bus);
@@ -281,26 +336,27 @@ __attribute__((noinline)) static enum outcome check(struct acquisition *acquisit
 static void fail(struct acquisition *acquisition, enum outcome outcome,
                  uint32_t now_us) {
     const IN_FLASH struct acquisition_port *port = ACQUISITION_PORT(acquisition);
-    const bool is_bus = outcome >= OUTCOME_BUS_STUCK;
-    bool is_over = !is_bus || acquisition->phase == ACQUISITION_SETUP;
-    if (!is_over) {
-        ++acquisition->failed;
-        is_over = acquisition->failed == BURSTS_FAILED_MAX;
-    }
-    uint16_t detail = acquisition->failed;
-    if (!is_bus) {
+    enum event event = EVENT_SENSOR_FAULT;
+    bool is_over = true;
+    uint16_t detail;
+    if (outcome >= OUTCOME_BUS_STUCK) {
+        event = EVENT_BUS_FAULT;
+        if (acquisition->phase == ACQUISITION_SAMPLING) {
+            ++acquisition->failed;
+            is_over = acquisition->failed == BURSTS_FAILED_MAX;
+        }
+        detail = acquisition->failed;
+    } else {
         const struct sensor_identity *identity = sensor_of(acquisition)->identity;
         detail = (uint16_t)(identity->wrong_register * 256u + identity->who_am_i[0]);
     }
-    uint8_t cause = causes[-outcome];
     port->stop_sampling();
     if (port->recover_bus() != BUS_OK) {
-        cause = CAUSE_STUCK_BUS;
+        outcome = OUTCOME_BUS_STUCK;
         is_over = true;
     }
-    probe_sensor_failed(acquisition->probe,
-                        is_bus ? EVENT_BUS_FAULT : EVENT_SENSOR_FAULT,
-                        (enum cause)cause, detail, is_over, now_us);
+    probe_sensor_failed(acquisition->probe, event, (enum cause)causes[-outcome], detail,
+                        is_over, now_us);
     acquisition->has_gap = true;
     if (is_over) {
         acquisition->phase = ACQUISITION_WAITING;
@@ -327,7 +383,7 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
     }
     if (acquisition->phase == ACQUISITION_SETUP) {
         outcome = set_up(acquisition, now_us);
-        if (outcome == OUTCOME_NACK && tries_another(acquisition)) {
+        if (outcome < OUTCOME_OK && tries_another(acquisition, &outcome)) {
             return false;
         }
     } else {

@@ -65,9 +65,13 @@ struct acquisition {
     bool has_gap;        // samples were lost before the next one
     uint8_t unchecked;   // samples since the sensor was last looked after
 #ifndef ACQUISITION_WIRED_ONLY
-    // Data-ready has no wire, as no edge has ever come: the sensor is asked.
-    bool is_polled, is_wired;
+    // Edges don't come, or have never come: the sensor is asked. Where they once came
+    // they are listened for, for a little more than a period, now and then.
+    bool is_polled, is_wired, listens;
+    uint8_t silences;       // set-ups in a row that have brought no edge
+    uint32_t listening_us;  // since then
     struct polled polled;
+    enum sensor_result first;  // why the first sensor was given up for another
 #endif
 };
 

@@ -160,6 +160,12 @@ bool polled_yes(struct polled *polled, uint32_t at_us, uint32_t *edge_us,
     return true;
 }
 
+bool polled_is_next(const struct polled *polled, uint32_t edge_us) {
+    const uint32_t due = middle_of(polled) + polled->period;
+    const int32_t off = after(edge_us * UNITS, due);
+    return polled->has_edge && off > -WIDE && off < WIDE;
+}
+
 uint32_t polled_bound_us(const struct polled *polled) {
     return width_of(polled) / 2 / UNITS + 1;
 }

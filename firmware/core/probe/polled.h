@@ -40,6 +40,9 @@ void polled_no(struct polled *polled, uint32_t at_us);
 bool polled_yes(struct polled *polled, uint32_t at_us, uint32_t *edge_us,
                 uint16_t *missed);
 
+// An edge at that time is the one that is due after the last.
+bool polled_is_next(const struct polled *polled, uint32_t edge_us);
+
 // Half the width of where the last edge can lie: how wrong its time is at most.
 uint32_t polled_bound_us(const struct polled *polled);
 

@@ -13,21 +13,22 @@ def supply_mv():
     return vsys.read_u16() * 9900 >> 16
 
 
-def answers(i2c, address, who_am_i):
+def name(i2c, address, who_am_i):
     try:
-        i2c.readfrom_mem(address, who_am_i, 1)
+        return i2c.readfrom_mem(address, who_am_i, 1)[0]
     except OSError:
-        return False
-    return True
+        return 0
 
 
 def detected(bus):
-    """Looks for sensors in the order of the Pico's firmware in C."""
-    if answers(bus.i2c, 0x68, 0x75):
-        return MPU9250(bus)
-    if answers(bus.i2c, 0x6A, 0x0F) or answers(bus.i2c, 0x6B, 0x0F):
-        return LSM6DSOX(bus)
-    return MPU9250(bus)  # waits for it
+    """Looks for sensors in the order of the Pico's firmware in C: by their names, as
+    something else may be at 0x68.
+    """
+    if not 0x70 <= name(bus.i2c, 0x68, 0x75) <= 0x74:
+        for address in (0x6A, 0x6B):
+            if name(bus.i2c, address, 0x0F) in (0x6B, 0x6C):
+                return LSM6DSOX(bus)
+    return MPU9250(bus)  # or waits for it
 
 
 run(

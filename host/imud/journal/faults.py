@@ -10,6 +10,7 @@ from imud.probes.sensors import (
     LSM9DS0,
     MPU6500,
     NINE_AXES,
+    UNREADABLE,
     identity_words,
 )
 
@@ -41,6 +42,11 @@ _OTHER = _Wiring(
 )
 # What a bus reads where nobody drives it, or where it is held.
 _NO_IDENTITIES = (0x00, 0xFF)
+
+_NOT_READ = (
+    "which this firmware can't read: buy an MPU-9250 (0x71), or an LSM6DSOX with a "
+    "LIS3MDL (Adafruit 4517)"
+)
 
 # By event and cause; {} is the detail.
 _WORDS = {
@@ -117,10 +123,11 @@ _WORDS = {
         "start: see docs/micropython.md"
     ),
     ("data_ready_polled", "no_data_ready"): (
-        "the sensor is polled, because its data-ready signal never came: for exact "
+        "the sensor is polled, because its data-ready signal does not come: for exact "
         "times check {ready}"
     ),
     ("bus_recovered", "none"): "the sensor works again",
+    ("bus_recovered", "no_data_ready"): "data-ready signals come again",
 }
 # When the crystal failed, by the detail: 0 or 1.
 _CLOCK_FAILED = ("at startup", "while running")
@@ -157,9 +164,13 @@ def _wrong_chip(detail: int, board: str) -> str:
             "answers 0xD4 and 0x49): check SDO_G and SDO_XM to 3.3 V, then replace "
             "the module"
         )
+    if detail in UNREADABLE:
+        return f"answers {identity_words(detail)}, {_NOT_READ}"
     return (
-        f"answers {identity_words(detail)}, which is not a chip that this firmware can "
-        "read: replace the module"
+        f"answers {identity_words(detail)} at {wiring.address}, which no sensor that "
+        "this firmware can read does: it may be a real-time clock (DS3231, DS1307, "
+        "PCF8523), and nothing was written to it. Connect the sensor, and take off "
+        "what else has its address"
     )
 
 
@@ -171,6 +182,8 @@ def _registers(detail: int, _: str) -> str:
             f"{what}: the sensor's supply sags or a wire is loose: check power and GND "
             "of the module"
         )
+    if identity in UNREADABLE:
+        return f"{what}: it answers {identity_words(identity)}, {_NOT_READ}"
     return (
         f"{what}, and it answers {identity_words(identity)}, which is not an MPU-9250 "
         "(0x71): if power and GND of the module are right, replace it"

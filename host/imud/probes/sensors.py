@@ -16,7 +16,9 @@ Hello = Mapping[str, Any]  # fields of a hello, or that object of a status
 CHIPS = {
     0x11: "ICM-20600",
     0x12: "ICM-20602",
-    0x68: "MPU-6050",
+    0x68: "MPU-6050 or MPU-9150",
+    0x69: "LSM6DS33 or LSM6DS3",
+    0x6A: "LSM6DS3TR-C or LSM6DSL",
     0x6B: "ISM330DHCX",
     0x6C: "LSM6DSO or LSM6DSOX",
     0x70: "MPU-6500",
@@ -26,8 +28,11 @@ CHIPS = {
     0x78: "MPU-6880",
     0x98: "ICM-20689",
     0xAF: "ICM-20608",
+    0xD1: "BMI160",
     0xEA: "ICM-20948",
 }
+# Sold for probes, and of no use in one: their registers are others'.
+UNREADABLE = frozenset({0x68, 0x69, 0x6A, 0xD1, 0xEA})
 NINE_AXES = frozenset({0x71, 0x73})  # with an AK8963 in the same package
 MPU6500 = 0x70
 LSM9DS0 = 0xD4  # of its gyroscope's half
