@@ -21,6 +21,7 @@ sys.path[:0] = [str(root / "host"), str(root / "firmware" / "platforms")]
 import described  # noqa: E402
 
 from imud import checkout  # noqa: E402
+from imud.flash.stk500v2 import MONITOR  # noqa: E402
 
 
 def with_build_text(middleware_env: Any, node: Any) -> Any:
@@ -35,14 +36,17 @@ def add_sources(target: Any, source: Any, env: Any) -> int:  # noqa: ARG001, SCo
     return checkout.note(env.subst("$OBJCOPY"), Path(elf), sources)
 
 
-def write_manifest(target: Any, source: Any, env: Any) -> None:  # noqa: ARG001, SCons's
-    """Write the manifest of a .hex."""
+def write_manifest(target: Any, source: Any, env: Any) -> str | None:  # noqa: ARG001, SCons's
+    """Write the manifest of a .hex; a fault where a bootloader hangs at it."""
     path = Path(str(target[0]))
     chosen = dict(filter(is_pair, env["CPPDEFINES"])).get("ATTITUDE_ONLY", "all")
     records = path.read_text("ascii").splitlines()
-    # Intel HEX: the length of each record of data.
-    size = sum(int(line[1:3], 16) for line in records if line[7:9] == "00")
-    described.write_manifest(root, path, BOARDS[env["BOARD"]], chosen, size)
+    # Intel HEX: records of data.
+    data = b"".join(bytes.fromhex(line[9:-2]) for line in records if line[7:9] == "00")
+    board = BOARDS[env["BOARD"]]
+    described.write_manifest(root, path, board, chosen, len(data))
+    is_refused = board == "mega" and MONITOR in data
+    return f"an older Mega can't take {MONITOR!r}" if is_refused else None
 
 
 def is_pair(define: Any) -> bool:

@@ -178,4 +178,4 @@ def test_its_bootloader_takes_an_image(
     said = capsys.readouterr().out
     assert "an Arduino Mega 2560, firmware" in said
     assert "pages written and read back" in said
-    assert "in force, as before: no params" in said
+    assert "active, as before: no params" in said

@@ -6,10 +6,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator, Mapping
 
+from imud.errors import FlashError
 from imud.flash import OnProgress, pages, serial_port
 from imud.flash.firmware import MEGA_MAX
 from imud.flash.stk500 import BootWire, NoBootloader
-from imud.flash.stk500v2 import Stk500v2
+from imud.flash.stk500v2 import MONITOR, Stk500v2
 
 FITTING = (bytes((0x1E, 0x98, 0x01)),)  # ATmega2560
 PAGE = 256  # bytes (ATmega2560, table 30-7)
@@ -55,4 +56,12 @@ def write(
     on_progress: OnProgress = lambda _done, _all: None,
 ) -> int:
     """As pages.write()."""
+    size = max(image, default=-1) + 1
+    for at in range(0, size, PAGE):
+        page = bytes(image.get(at + i, 0) for i in range(PAGE))
+        if MONITOR in page:
+            raise FlashError(
+                f"the image has {MONITOR.decode()} at {at + page.find(MONITOR):#x}, at "
+                "which older bootloaders of a Mega hang: change it, or use a programmer"
+            )
     return pages.write(bootloader, MEGA_MAX, PAGE, image, on_progress)

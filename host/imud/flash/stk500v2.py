@@ -25,6 +25,8 @@ OK = 0x00
 NAME = b"\x08AVRISP_2"
 LARGE = 1 << 31  # of an address: of more than 64 KB of flash
 
+# Starts the monitor of older bootloaders wherever it comes (arduino/Arduino 392).
+MONITOR = b"!!!"
 HEAD = 5  # bytes before a message's body
 BODY_MAX = 275  # AVR068, "Message format"
 HEARD_MAX = 4096  # bytes at a time, of the firmware's output
@@ -105,10 +107,13 @@ class Stk500v2:
         return answer[2:]
 
     def _send(self, body: bytes) -> None:
-        self._number = (self._number + 1) % 256
-        message = bytes((START, self._number, *len(body).to_bytes(2, "big"), TOKEN))
-        message += body
-        self._wire.write(message + bytes((reduce(xor, message),)))
+        message = MONITOR
+        while MONITOR in message:  # of the checksum, which follows from the number
+            self._number = (self._number + 1) % 256
+            message = bytes((START, self._number, *len(body).to_bytes(2, "big"), TOKEN))
+            message += body
+            message += bytes((reduce(xor, message),))
+        self._wire.write(message)
 
     def _answer(self, seconds: float, size: int) -> bytes:
         """The body of the answer to the last message, which is to have that size;

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -110,6 +111,23 @@ def test_a_cut_after_any_page_leaves_what_runs_or_a_loop(
     again = kind.made(bytes(board.flash))
     assert kind.writes(kind.bootloader(again), kind.image) == kind.pages
     assert again.flash.startswith(kind.new)
+
+
+def test_three_exclamation_marks_never_reach_a_mega() -> None:
+    board = MEGA.made(MEGA.old)
+    image = dict(enumerate(MEGA.new))
+    split = image | dict.fromkeys(range(2 * MEGA.page - 2, 2 * MEGA.page + 1), 0x21)
+    assert MEGA.writes(MEGA.bootloader(board), split) == MEGA.pages
+    writes = board.writes
+    within = image | dict.fromkeys(range(0x10A, 0x10D), 0x21)
+    with pytest.raises(FlashError, match="has !!! at 0x10a, at which older"):
+        MEGA.writes(MEGA.bootloader(board), within)
+    assert board.writes == writes
+    sent: list[bytes] = []  # nor by the last two of a page and the checksum
+    loader = stk500v2.Stk500v2(SimpleNamespace(write=sent.append))  # type: ignore[arg-type]
+    for _ in range(256):
+        loader._send(b"\x13!!")
+    assert not any(stk500v2.MONITOR in message for message in sent)
 
 
 @BOTH
