@@ -24,7 +24,14 @@ enum {
     ADC_COUNTS = 4096,
     REFERENCE_MV = 3300,
     VSYS_DIVIDER = 3,
+    VSYS_COUNTS_MIN = 370,  // half of what the least supply gives, 1.8 V
+    VSYS_SETTLE_US = 1000,
+    SUPPLY_UNKNOWN = UINT16_MAX,
 };
+
+// A Pico W: the LED's pin selects the radio, and connects VSYS to its pin while high,
+// as its users report; no document was at hand.
+static bool has_radio;
 
 extern uint32_t __StackBottom;  // of the linker script
 
@@ -52,6 +59,12 @@ static void pins_init(void) {
     adc_init();
     adc_gpio_init(PIN_VSYS);
     adc_select_input(ADC_VSYS);
+    busy_wait_us(VSYS_SETTLE_US);
+    const bool is_off = adc_read() < VSYS_COUNTS_MIN;
+    gpio_put(PIN_LED, true);
+    busy_wait_us(VSYS_SETTLE_US);
+    has_radio = is_off && adc_read() >= VSYS_COUNTS_MIN;
+    gpio_put(PIN_LED, has_radio);  // which it then leaves alone
 }
 
 void board_init(void) {
@@ -92,16 +105,24 @@ uint16_t board_entropy(void) {
     return 0;  // it has an id
 }
 
+// As it was, while USB borrows the pin: CMakeLists.txt.
 bool board_button_is_down(void) {
-    return !gpio_get(PIN_BUTTON);
+    static bool is_down;
+    if (gpio_get_function(PIN_BUTTON) == GPIO_FUNC_SIO) {
+        is_down = !gpio_get(PIN_BUTTON);
+    }
+    return is_down;
 }
 
 void board_led_set(bool on) {
-    gpio_put(PIN_LED, on);
+    gpio_put(PIN_LED, on || has_radio);
 }
 
 // What feeds the board, by USB or a battery: 1.8 to 5.5 V.
 uint16_t board_supply_mv(void) {
+    if (has_radio) {
+        return SUPPLY_UNKNOWN;
+    }
     return (uint16_t)((uint32_t)adc_read() * REFERENCE_MV * VSYS_DIVIDER / ADC_COUNTS);
 }
 

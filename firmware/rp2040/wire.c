@@ -87,6 +87,15 @@ static bool uart_is_idle(void) {
 
 // USB
 
+// By the rate together with a DTR that is not active: no program then uses the port.
+static void enter_loader_if_asked(void) {
+    cdc_line_coding_t coding;
+    tud_cdc_get_line_coding(&coding);
+    if (coding.bit_rate == LOADER_BAUD && !tud_cdc_connected()) {
+        rom_reset_usb_boot(0, 0);
+    }
+}
+
 // A host sets this when a program opens the port, even if DTR is still active from the
 // one before, as imud leaves it. Unread bytes are not for the next program.
 void tud_cdc_line_state_cb(uint8_t port, bool is_open, bool rts) {
@@ -94,13 +103,13 @@ void tud_cdc_line_state_cb(uint8_t port, bool is_open, bool rts) {
     (void)is_open;
     (void)rts;
     (void)tud_cdc_write_clear();
+    enter_loader_if_asked();
 }
 
 void tud_cdc_line_coding_cb(uint8_t port, const cdc_line_coding_t *coding) {
     (void)port;
-    if (coding->bit_rate == LOADER_BAUD) {
-        rom_reset_usb_boot(0, 0);
-    }
+    (void)coding;
+    enter_loader_if_asked();
 }
 
 // All has been read, or there is no reader.

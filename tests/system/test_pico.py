@@ -6,6 +6,7 @@ own. The tests that all boards share run with it in `make test-long`.
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,27 @@ def test_it_tells_who_it_is_and_what_feeds_it(pico: Stub) -> None:
     assert 1000 < done.last_status["stack_free"] < PICO.stack
     other = run(pico, 1, "--seed", 7)
     assert other.named("hello")[-1].fields["probe_id"] != hello["probe_id"]
+
+
+def test_on_a_pico_w_the_supply_is_unknown_and_gp25_stays_high(pico: Stub) -> None:
+    # Between VSYS and its pin is a switch, which GP25 closes.
+    folder = pico.folder / "pico_w"
+    shutil.copytree(SIMULATOR.parent, folder, symlinks=True)
+    machine = folder / "machine.mjs"
+    known = "mcu.adc.channelValues[3] = VSYS_COUNTS;"
+    switched = (
+        "mcu.adc.channelValues[3] = 38; mcu.gpio[25].addListener((state) => {"
+        "mcu.adc.channelValues[3] = state === 1 ? VSYS_COUNTS : 38; });"
+    )
+    text = machine.read_text()
+    assert known in text
+    machine.write_text(text.replace(known, switched))
+    done = run(dataclasses.replace(pico, simulator=folder / SIMULATOR.name), 2.5)
+    assert done.last_status["supply"] is None
+
+
+def test_the_fix_of_usb_beside_others_on_a_hub_is_in_the_image(pico: Stub) -> None:
+    assert symbol(pico.image, "hw_enumeration_fix_force_ls_j_done")
 
 
 def test_settings_outlive_power_and_an_update(pico: Stub) -> None:

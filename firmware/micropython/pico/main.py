@@ -7,6 +7,8 @@ from machine import ADC, I2C, Pin
 from probe import LSM6DSOX, MPU9250, Bus, FileStorage, run
 
 vsys = ADC(29)  # a third of what feeds the board
+# On a board with a radio GP25 and GP29 are the radio's, and the LED hangs on it.
+has_radio = " W " in sys.implementation._machine
 
 
 def supply_mv():
@@ -36,7 +38,7 @@ run(
     ready=Pin(6, Pin.IN, Pin.PULL_DOWN),
     wire=sys.stdin.buffer,
     button=Pin(15, Pin.IN, Pin.PULL_UP),
-    led=Pin(25, Pin.OUT),
+    led=None if has_radio else Pin(25, Pin.OUT),
     storage=FileStorage("probe.settings"),
-    supply=supply_mv,
+    supply=None if has_radio else supply_mv,
 )

@@ -54,9 +54,13 @@ def flash(port: str | None, image: bytes, on_progress: OnProgress) -> int:
 
 
 def ask_for_loader(port: str) -> None:
-    """Opens and closes a port at the rate that starts the boot loader."""
+    """Opens and closes a port, without DTR, at the rate that starts the boot loader."""
     try:
-        serial.Serial(port, LOADER_BAUD, exclusive=True).close()
+        with (
+            serial.Serial(port, LOADER_BAUD, exclusive=True) as opened,
+            contextlib.suppress(OSError),  # a pty has none
+        ):
+            opened.dtr = False  # the board waits for both
     except (OSError, ValueError) as error:
         raise FlashError(f"can't open {port}: {reason(error)}") from error
 
