@@ -79,12 +79,14 @@ def _import(args: argparse.Namespace) -> int:
         sys.stdout.write(f"  {line}\n")
     sys.stdout.write(f"{args.file}: {found.words()}\n")
     if args.dry_run:
+        found.check_complete(args.file)
         return 0
     log = args.to or args.file.with_name(f"{args.file.stem}.mcap")
     if log.exists():
         raise FileError(f"{log} already exists; choose another file with --to")
     probe = foreign_log.write(found, args.file, log)
     sys.stdout.write(f"{log}: probe {probe}; imud info {log}\n")
+    found.check_complete(args.file)
     return 0
 
 

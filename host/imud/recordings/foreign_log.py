@@ -34,6 +34,7 @@ LEAST_LSB = {"acc": 1e-6, "gyr": 1e-7, "mag": 1e-3}
 HELLO_S = 1.0
 REPEATED_MIN = 0.2  # a share of readings alike that no noise makes
 SAMPLES_MIN = 20
+LEFT_OUT_MAX = 0.05  # a share of rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,8 @@ class Imported:
     mag: FloatArray  # NaN where there was nothing new
     told: ForeignMap
     left_out: int  # rows that lack a number, or go back in time
+    why: str  # about the first of them
+    texts: tuple[str, ...]  # columns without numbers
 
     @property
     def has_mag(self) -> bool:
@@ -58,10 +61,23 @@ class Imported:
         gaps = int((steps > 3 * np.median(steps)).sum())
         parts = [f"{len(self.t_us):,} samples at {rate_hz:.1f} Hz"]
         parts += [f"{gaps} gaps"] if gaps else []
-        parts += [f"{self.left_out} rows left out"] if self.left_out else []
+        parts += [self.loss] if self.left_out else []
         if not self.has_mag:
             parts.append("no magnetometer")
+        if self.texts:
+            parts.append(f"without columns {', '.join(self.texts)}")
         return ", ".join(parts)
+
+    @property
+    def loss(self) -> str:
+        rows = "row" if self.left_out == 1 else "rows"
+        return f"{self.left_out} {rows} left out ({self.why})"
+
+    def check_complete(self, source: Path) -> None:
+        """FileError if more was left out than a file may lack."""
+        rows = self.left_out + len(self.t_us)
+        if self.left_out > LEFT_OUT_MAX * rows:
+            raise FileError(f"{source}: {self.loss} of {rows}: correct the file")
 
 
 def read(path: Path, told: ForeignMap | None = None) -> Imported:
@@ -73,20 +89,22 @@ def read(path: Path, told: ForeignMap | None = None) -> Imported:
     mag = np.full_like(acc, np.nan)
     if "mag" in told.columns:
         mag = _fresh(foreign_map.vector(table, told, "mag"))
-    is_whole = np.isfinite(np.column_stack([t_s, acc, gyr])).all(axis=1)
-    latest = np.maximum.accumulate(np.where(is_whole, t_s, -np.inf))
-    is_whole &= np.diff(latest, prepend=-np.inf) > 0.0
+    is_full = np.isfinite(t_s) & np.isfinite(np.hstack([acc, gyr])).all(axis=1)
+    latest = np.maximum.accumulate(np.where(is_full, t_s, -np.inf))
+    is_whole = is_full & (np.diff(latest, prepend=-np.inf) > 0.0)
+    why = table.why
+    if not why and not is_whole.all():
+        at = int(np.argmin(is_whole))
+        lack = "its time is not later" if is_full[at] else "a number is missing"
+        why = f"row {1 + at}: {lack}"
+    left_out = table.unread + len(table) - int(is_whole.sum())
     if is_whole.sum() < SAMPLES_MIN:
-        raise FileError(f"{path}: {is_whole.sum()} samples are too few")
+        raise FileError(
+            f"{path}: {is_whole.sum()} samples are too few" + f"; {why}" * bool(why)
+        )
     t_us = np.rint(1e6 * (t_s[is_whole] - t_s[is_whole][0])).astype(np.int64) + 1000
-    return Imported(
-        t_us,
-        acc[is_whole],
-        gyr[is_whole],
-        mag[is_whole],
-        told,
-        len(table) - int(is_whole.sum()),
-    )
+    vectors = acc[is_whole], gyr[is_whole], mag[is_whole]
+    return Imported(t_us, *vectors, told, left_out, why, table.texts)
 
 
 def _fresh(mag: FloatArray) -> FloatArray:
@@ -191,5 +209,7 @@ def log_of_foreign(path: Path) -> Iterator[Path]:
     """
     with tempfile.TemporaryDirectory(prefix="imud-") as folder:
         log = Path(folder) / f"{path.stem}.mcap"
-        write(read(path), path, log)
+        found = read(path)
+        found.check_complete(path)
+        write(found, path, log)
         yield log

@@ -14,7 +14,8 @@ import numpy as np
 
 from imud.errors import FileError
 from imud.gravity import GRAVITY_M_S2
-from imud.recordings.foreign_table import ForeignTable, words
+from imud.recordings.foreign_table import words
+from imud.recordings.foreign_text import ForeignTable
 from imud.rotation import FloatArray
 
 SENSORS = ("acc", "gyr", "mag")
@@ -24,7 +25,8 @@ NAMES = {
     "gyr": ("gyr", "gyro", "gyroscope", "angular", "rate", "omega", "w", "g"),
     "mag": ("mag", "magnetometer", "magnetic", "m", "b", "h"),
 }
-TIMES = ("time", "timestamp", "stamp", "t", "seconds", "secs", "micros", "millis")
+TIMES = ("time", "timestamp", "datetime", "stamp", "t", "seconds", "secs", "micros",
+         "millis", "zeit", "uhrzeit", "temps", "tiempo", "tempo")  # fmt: skip
 
 DEGREE = math.pi / 180.0
 # The value of each unit in m/s2, rad/s, uT and s.
@@ -43,7 +45,8 @@ SPELT = {
     "m/s^2": "m/s2", "ms2": "m/s2", "ms^-2": "m/s2", "mps2": "m/s2",
     "dps": "deg/s", "deg/sec": "deg/s", "degps": "deg/s", "rad": "rad/s",
     "rads": "rad/s", "radps": "rad/s", "deg": "deg/s", "gauss": "G", "ut": "uT",
-    "µt": "uT", "nt": "nT", "mgauss": "mG", "sec": "s", "usec": "us", "msec": "ms",
+    "°/s": "deg/s", "μt": "uT", "μs": "us",
+    "nt": "nT", "mgauss": "mG", "sec": "s", "usec": "us", "msec": "ms",
     "micros": "us", "millis": "ms", "nsec": "ns",
 }  # fmt: skip
 
@@ -146,6 +149,10 @@ def _find_columns(table: ForeignTable, told: ForeignMap) -> None:
     for sensor in SENSORS:
         if sensor not in told.columns:
             found = _triple(table.columns, NAMES[sensor])
+            if sensor == "mag" and found is not None:
+                # There was none: it is empty, or zeros.
+                filled = [np.nan_to_num(table.columns[name]).any() for name in found]
+                found = found if any(filled) else None
             if found is not None:
                 told.columns[sensor] = found
                 told.guessed.add(sensor)
@@ -194,6 +201,9 @@ def _find_time(table: ForeignTable, told: ForeignMap) -> None:
     if "time" in told.units:
         return
     (name,) = told.columns["time"]
+    if name in table.in_seconds:
+        told.units["time"], told.named["time"] = 1.0, "s"
+        return
     if _named_unit("time", name, told):
         return
     steps = np.diff(table.columns[name])

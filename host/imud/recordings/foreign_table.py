@@ -3,20 +3,19 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import re
+import unicodedata
 import zipfile
 import zlib
-from array import array
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from imud.errors import FileError, reason
+from imud.recordings.foreign_text import UTF16, ForeignTable, read_text
 from imud.rotation import FloatArray
 from imud.virtual.npz import arrays_of
 
@@ -26,23 +25,9 @@ BAG = "metadata.yaml"  # in the folder of a bag of ROS 2
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
 
-LINE_MAX = 65536  # characters of a line of text
 # Bytes that a packed file may become, and times its own size besides.
 UNPACKED_MAX, UNPACKED_TIMES = 64_000_000, 16
-SEPARATORS = (",", ";", "\t")
-HEAD = 4096  # characters by which a text's separator is known
-
-
-@dataclass(frozen=True, slots=True)
-class ForeignTable:
-    """Columns of numbers by name, each of shape (n,); NaN where there is nothing."""
-
-    columns: Mapping[str, FloatArray]
-    # In SI units with the times of ROS: nothing is to be guessed.
-    is_known: bool = False
-
-    def __len__(self) -> int:
-        return len(next(iter(self.columns.values()), ()))
+HEAD = 4096  # bytes by which a text is known
 
 
 def is_foreign(path: Path) -> bool:
@@ -53,7 +38,8 @@ def is_foreign(path: Path) -> bool:
         return path.suffix.lower() in KINDS or (path / BAG).is_file()
     try:
         with path.open("rb") as file:
-            return b"\0" not in file.read(HEAD)
+            head = file.read(HEAD)
+            return head[:2] in UTF16 or b"\0" not in head
     except OSError:
         return False
 
@@ -62,87 +48,15 @@ def read(path: Path) -> ForeignTable:
     """FileError with what is wrong."""
     suffix = path.suffix.lower()
     try:
-        if suffix in (".bag", ".db3") or (path / "metadata.yaml").exists():
-            return _bag(path.parent if suffix == ".db3" else path)
+        if suffix in (".bag", ".db3", ".mcap") or (path / "metadata.yaml").exists():
+            return _bag(path)
         if suffix == ".npz":
-            return ForeignTable(_flat(path, _npz(path)))
+            return _flat(path, _npz(path))
         if suffix == ".parquet":
-            return ForeignTable(_flat(path, _parquet(path)))
-        return ForeignTable(_text(path))
+            return _parquet(path)
+        return read_text(path)
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror or error}") from error
-
-
-def _text(path: Path) -> dict[str, FloatArray]:
-    """Reads lines with a separator. Names are in the last line before the first
-    numbers; without one columns are called 1, 2, 3.
-    """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            separator = _separator(file.read(HEAD))
-            file.seek(0)
-            return _rows(path, _cells(path, file, separator))
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path} is not a text file of numbers") from error
-
-
-def _separator(head: str) -> str | None:
-    """None: blanks."""
-    lines = [line for line in head.splitlines() if line and not line.startswith("#")]
-    for separator in SEPARATORS:
-        if lines and all(separator in line for line in lines[-3:]):
-            return separator
-    return None
-
-
-def _cells(
-    path: Path, file: Iterator[str], separator: str | None
-) -> Iterator[tuple[int, list[str]]]:
-    def short() -> Iterator[str]:
-        for number, line in enumerate(file, start=1):
-            if len(line) > LINE_MAX:
-                raise FileError(f"{path}:{number}: longer than {LINE_MAX} characters")
-            yield line
-
-    if separator is None:
-        for number, line in enumerate(short(), start=1):
-            yield number, line.split()
-        return
-    rows = csv.reader(short(), delimiter=separator)
-    for row in rows:
-        yield rows.line_num, [cell.strip() for cell in row]
-
-
-def _rows(path: Path, cells: Iterator[tuple[int, list[str]]]) -> dict[str, FloatArray]:
-    names: list[str] = []
-    table, width = array("d"), 0  # eight bytes a cell
-    for number, row in cells:
-        if not any(row):
-            continue
-        values = _numbers(row)
-        if values is None and not width:
-            first = row[0].lstrip("#% ")
-            names = [first, *row[1:]]
-        elif values is None:
-            raise FileError(f"{path}:{number}: not all values are numbers")
-        elif width and len(values) != width:
-            raise FileError(f"{path}:{number}: {len(values)} columns, not {width}")
-        else:
-            width = len(values)
-            table.extend(values)
-    if not width:
-        raise FileError(f"{path} holds no numbers")
-    if len(names) != width:
-        names = [str(1 + at) for at in range(width)]
-    return dict(zip(names, np.frombuffer(table).reshape(-1, width).T, strict=True))
-
-
-def _numbers(row: list[str]) -> list[float] | None:
-    """The numbers of cells; an empty one is NaN. None if one is something else."""
-    try:
-        return [float(cell) if cell else np.nan for cell in row]
-    except ValueError:
-        return None
 
 
 def _npz(path: Path) -> dict[str, Any]:
@@ -154,7 +68,8 @@ def _npz(path: Path) -> dict[str, Any]:
         raise FileError(f"{path}: not a .npz of plain arrays: {error}") from error
 
 
-def _parquet(path: Path) -> dict[str, Any]:
+def _parquet(path: Path) -> ForeignTable:
+    """Of a file of texts or long lists only the columns of numbers are unpacked."""
     try:
         import pyarrow
         from pyarrow import parquet
@@ -163,28 +78,61 @@ def _parquet(path: Path) -> dict[str, Any]:
             f"{path}: reading Parquet needs pyarrow: pip install 'imu-probe[parquet]'"
         ) from error
     try:
-        about = parquet.read_metadata(path)
-        size = 8 * about.num_rows * about.num_columns
+        file = parquet.ParquetFile(path)
+        kinds = {field.name: field.type for field in file.schema_arrow}
+        wanted = [name for name in kinds if _is_numeric(kinds[name])]
+        size = 8 * _values_in(file.metadata, wanted)
         if size > UNPACKED_MAX + UNPACKED_TIMES * path.stat().st_size:
             raise FileError(f"{path} takes too much memory: {size / 1e6:.0f} MB")
-        table = parquet.read_table(path)
-    except (pyarrow.ArrowException, OSError) as error:
+        table = file.read(columns=wanted)
+        arrays = dict(zip(wanted, map(_array_of, table.columns), strict=True))
+    except (pyarrow.ArrowException, OSError, ValueError) as error:
         raise FileError(f"{path} is not a Parquet file: {reason(error)}") from error
-    found = {}
-    for name in table.column_names:
-        column = table.column(name)
-        if pyarrow.types.is_timestamp(column.type):
-            column = column.cast(pyarrow.int64())
-        found[name] = column.to_numpy()
-    return found
+    return _flat(path, arrays, tuple(name for name in kinds if name not in wanted))
 
 
-def _flat(path: Path, arrays: Mapping[str, Any]) -> dict[str, FloatArray]:
+def _is_numeric(kind: Any) -> bool:
+    from pyarrow import types
+
+    if types.is_list(kind) or types.is_fixed_size_list(kind):
+        kind = kind.value_type
+    tests = types.is_integer, types.is_floating, types.is_decimal
+    times = types.is_timestamp, types.is_duration
+    return any(test(kind) for test in (*tests, *times))
+
+
+def _values_in(about: Any, names: list[str]) -> int:
+    """How many values the columns hold, of lists, too."""
+    groups = [about.row_group(at) for at in range(about.num_row_groups)]
+    leaves = [group.column(at) for group in groups for at in range(group.num_columns)]
+    return sum(
+        leaf.num_values for leaf in leaves if leaf.path_in_schema.split(".")[0] in names
+    )
+
+
+def _array_of(column: Any) -> Any:
+    """Lists of one length become rows."""
+    from pyarrow import types
+
+    if types.is_nested(column.type):
+        flat = column.combine_chunks().flatten().to_numpy(zero_copy_only=False)
+        return flat.reshape(len(column), -1)
+    is_decimal = types.is_decimal(column.type)
+    return (column.cast("float64") if is_decimal else column).to_numpy()
+
+
+def _flat(
+    path: Path, arrays: Mapping[str, Any], texts: tuple[str, ...] = ()
+) -> ForeignTable:
     """Arrays of shape (n, 3) as three columns; a lone number is a rate and the like."""
     rows = max((len(a) for a in map(np.atleast_1d, arrays.values())), default=0)
     found: dict[str, FloatArray] = {}
+    clocks = set()
     for name, values in arrays.items():
         array = np.atleast_1d(values)
+        if array.dtype.kind in "mM" and array.shape == (rows,):
+            array = (array - array[0]) / np.timedelta64(1, "s")
+            clocks.add(name)
         if array.dtype.kind not in "fiu":
             continue
         if array.ndim == 2 and array.shape == (3, rows) and rows != 3:
@@ -198,7 +146,7 @@ def _flat(path: Path, arrays: Mapping[str, Any]) -> dict[str, FloatArray]:
             found[name] = np.full(rows, float(array.ravel()[0]))
     if not found or rows == 0:
         raise FileError(f"{path} holds no columns of numbers")
-    return found
+    return ForeignTable(found, in_seconds=frozenset(clocks), texts=texts)
 
 
 def _bag(path: Path) -> ForeignTable:
@@ -214,6 +162,11 @@ def _bag(path: Path) -> ForeignTable:
     try:
         with AnyReader([path]) as reader:
             wanted = [*_only(path, reader, IMU), *_only(path, reader, FIELD)]
+            if not any(each.msgtype == IMU for each in wanted):
+                there = sorted(f"{e.topic} ({e.msgtype})" for e in reader.connections)
+                raise FileError(
+                    f"{path} has no topic of {IMU}; it has {', '.join(there) or 'none'}"
+                )
             moved, fields = [], []
             for connection, _, raw in reader.messages(connections=wanted):
                 message: Any = reader.deserialize(raw, connection.msgtype)
@@ -259,5 +212,6 @@ def _beside(moved: FloatArray, fields: FloatArray) -> dict[str, FloatArray]:
 
 def words(name: str) -> list[str]:
     """The parts of a column's name: AccX(m/s^2) is acc, x, m/s^2."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    plain = unicodedata.normalize("NFKC", name)
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", plain)
     return [part for part in re.split(r"[\s_.,:()\[\]]+", spaced.lower()) if part]

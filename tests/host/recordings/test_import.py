@@ -89,7 +89,7 @@ def written(kind: str, folder: Path) -> Path:
         ("counts", ("ms", "1/8192 g", "1/65.5 deg/s", "mG")),
         ("nanoseconds", ("ns", "m/s2", "rad/s", None)),
         ("npz", ("s", "m/s2", "rad/s", "T")),
-        ("parquet", ("us", "m/s2", "rad/s", None)),
+        ("parquet", ("s", "m/s2", "rad/s", None)),
     ],
 )
 def test_what_is_guessed_is_right(
@@ -208,7 +208,12 @@ def test_a_bag_of_ros_is_read(tmp_path: Path) -> None:
             if at % 2 == 0:
                 reading = types[kinds[1]](head, vector(*(1e-6 * mag[at])), none)
                 writer.write(field, t_ns, store.serialize_cdr(reading, kinds[1]))
-    found = foreign_log.read(path)
+    with Writer(tmp_path / "other", version=9) as writer:
+        writer.add_connection("/field", kinds[1], typestore=store)
+    with pytest.raises(FileError, match=r"no topic of .*Imu; it has /field"):
+        foreign_log.read(tmp_path / "other")
+    (alone,) = path.glob("*.db3")
+    found = foreign_log.read(alone)
     assert np.abs(found.acc - acc).max() < 1e-9
     assert np.abs(found.gyr - gyr).max() < 1e-9
     assert np.isfinite(found.mag[:, 0]).sum() == 250
@@ -221,6 +226,8 @@ def lines(*rows: str) -> str:
 
 HEAD = "t,ax,ay,az,gx,gy,gz"
 ROW = "0.01,0,0,9.8,0,0,0"
+NAMED = "time_s,acc_x_g,acc_y_g,acc_z_g,gyr_x_dps,gyr_y_dps,gyr_z_dps"
+ROWS = [f"{n / 100},0,{n / 100},1,0.5,0,-0.25" for n in range(100)]
 
 
 @pytest.mark.parametrize(
@@ -229,8 +236,14 @@ ROW = "0.01,0,0,9.8,0,0,0"
         ("", "holds no numbers"),
         (lines("t,ax,ay,az", "1,2,3,4"), "no columns found for gyr"),
         (lines("ax,ay,az,gx,gy,gz", "1,2,3,4,5,6"), "no column of time found"),
-        (lines(HEAD, ROW, "0.02,0,0"), ":3: 3 columns, not 7"),
-        (lines(HEAD, ROW, "0.02,0,0,x,0,0,0"), ":3: not all values are numbers"),
+        (
+            lines(NAMED, *ROWS[:30], "0.3,0,0", "0.31,0,0,x,0,0,0"),
+            "2 rows left out (line 32: 3 columns, not 7) of 32",
+        ),
+        (
+            lines(NAMED, *ROWS[:30], "0.31,0,0,x,0,0,0", ROWS[32], ",,"),
+            "(line 32: 'x' is not a number) of 33",
+        ),
         (lines(HEAD, *[ROW] * 9), "unknown unit of t, with steps of 0"),
         (
             lines(HEAD, *(f"{n},0,0,77,0,0,1" for n in range(99))),
@@ -285,4 +298,80 @@ def test_a_gyroscope_whose_axes_are_wrong_is_not_believed(tmp_path: Path) -> Non
     names = ["t", *named("a{}", "w{}")]
     path = text(tmp_path / "a.csv", names, t, acc, gyr[:, [1, 2, 0]])
     with pytest.raises(FileError, match="gravity does not rotate with them"):
+        foreign_log.read(path)
+
+
+def with_commas(row: str) -> str:
+    return row.replace(",", ";").replace(".", ",")
+
+
+UNITS = "s,g,g,g,dps,dps,dps"
+BARE = "time,ax,ay,az,gx,gy,gz"
+
+
+@pytest.mark.parametrize(
+    ("rows", "encoding"),
+    [
+        ([NAMED, *ROWS], "utf-8-sig"),
+        ([NAMED, *ROWS], "utf-16"),
+        ([NAMED.replace("acc", "für_acc"), *ROWS], "latin-1"),
+        ([with_commas(row) for row in [NAMED, *ROWS]], "utf-8"),
+        ([with_commas(row).replace(";", "\t") for row in [NAMED, *ROWS]], "utf-8"),
+        ([f'"{with_commas(r)}"'.replace(";", '","') for r in [NAMED, *ROWS]], "utf-8"),
+        ([row.replace(",", "|") for row in [NAMED, *ROWS]], "utf-8"),
+        ([row.replace(",", " ") for row in [f"# {NAMED}", *ROWS]], "utf-8"),
+        ([BARE, UNITS, *ROWS], "utf-8"),
+        (["t,acc_g,acc_g,acc_g,gyr,gyr,gyr", "s,x,y,z,x dps,y,z", *ROWS], "utf-8"),
+        ([NAMED, *[f"{row}," for row in ROWS]], "utf-8"),
+        ([f"{NAMED},label", *[f"{row},walking" for row in ROWS]], "utf-8"),
+        ([f"{NAMED},empty", *[f"{row},NA" for row in ROWS]], "utf-8"),
+        ([f"{NAMED},mag_x,mag_y,mag_z", *[f"{row},null,," for row in ROWS]], "utf-8"),
+        ([NAMED, *ROWS[:50], "# pressed", NAMED, "", *ROWS[50:]], "utf-8"),
+        ([NAMED, *ROWS, "1.00,0,0.5", "\0" * 70000], "utf-8"),
+        ([NAMED, *[f"2026-02-28T23:59:{59 + n / 100:05.2f}Z,{r.split(',', 1)[1]}"
+                   for n, r in enumerate(ROWS)]], "utf-8"),
+        ([NAMED.replace("time_s", "t"), *[f"10:59:{n / 100:05.2f},{r.split(',', 1)[1]}"
+                   for n, r in enumerate(ROWS)]], "utf-8"),
+    ],
+)  # fmt: skip
+def test_each_form_of_a_table_has_the_same_rows(
+    rows: list[str], encoding: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.csv"
+    for shift in range(0, 64, 8):  # wherever a block of the file ends
+        path.write_text(lines(f"# {'x' * shift}", *rows), encoding)
+        found = foreign_log.read(path)
+        assert len(found.t_us) == 100
+        assert np.abs(np.diff(found.t_us) - 10000).max() <= 1
+        assert found.acc[50] == pytest.approx([0.0, 0.5 * G, G])
+        assert found.gyr[50] == pytest.approx(np.radians([0.5, 0.0, -0.25]))
+    if len(rows) > 102 and "\0" in rows[-1]:
+        assert "1 row left out (line 103: 3 columns, not 7)" in found.words()
+    if "label" in rows[0]:
+        assert "without columns label" in found.words()
+
+
+def test_a_small_parquet_of_long_texts_and_lists_takes_no_memory(
+    tmp_path: Path,
+) -> None:
+    t, acc, gyr, _ = recording()
+    text = pyarrow.DictionaryArray.from_arrays(
+        pyarrow.array(np.zeros(len(t), dtype=np.int32)),
+        pyarrow.array(["x" * 1_000_000]),
+    )
+    table = {
+        "time": pyarrow.array(np.rint(1e6 * t).astype("timedelta64[us]")),
+        "acc_m_s2": pyarrow.array(acc.tolist()),
+        "gyr_rad_s": pyarrow.array(gyr.tolist()),
+        "note": text,
+    }
+    path = tmp_path / "a.parquet"
+    parquet.write_table(pyarrow.table(table), path, store_schema=False)
+    found = foreign_log.read(path)
+    assert found.texts == ("note",)
+    assert np.abs(found.gyr - gyr).max() < 1e-9
+    del table["note"]
+    table["acc_m_s2"] = pyarrow.array([[0.0] * 5000] * len(t))
+    parquet.write_table(pyarrow.table(table), path, store_schema=False)
+    with pytest.raises(FileError, match="takes too much memory"):
         foreign_log.read(path)
