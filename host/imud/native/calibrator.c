@@ -64,9 +64,4 @@ static PyType_Slot calibrator_slots[] = {
     {0, NULL},
 };
 
-PyType_Spec calibrator_spec = {
-    .name = "imud._core.Calibrator",
-    .basicsize = sizeof(struct calibrator),
-    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
-    .slots = calibrator_slots,
-};
+PyType_Spec calibrator_spec = TYPE("Calibrator", struct calibrator, calibrator_slots);

@@ -262,9 +262,4 @@ static PyType_Slot chunk_slots[] = {
     {0, NULL},
 };
 
-PyType_Spec chunk_spec = {
-    .name = "imud._core.Chunk",
-    .basicsize = sizeof(struct chunk),
-    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
-    .slots = chunk_slots,
-};
+PyType_Spec chunk_spec = TYPE("Chunk", struct chunk, chunk_slots);

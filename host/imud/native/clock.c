@@ -160,12 +160,7 @@ static PyType_Slot rising_slots[] = {
     {0, NULL},
 };
 
-PyType_Spec rising_spec = {
-    .name = "imud._core.Rising",
-    .basicsize = sizeof(struct rising),
-    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
-    .slots = rising_slots,
-};
+PyType_Spec rising_spec = TYPE("Rising", struct rising, rising_slots);
 
 struct line {
     PyObject_HEAD PyObject *rising;
@@ -392,9 +387,4 @@ static PyType_Slot line_slots[] = {
     {0, NULL},
 };
 
-PyType_Spec line_spec = {
-    .name = "imud._core.Line",
-    .basicsize = sizeof(struct line),
-    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
-    .slots = line_slots,
-};
+PyType_Spec line_spec = TYPE("Line", struct line, line_slots);

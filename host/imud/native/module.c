@@ -150,12 +150,7 @@ static PyType_Slot decoder_slots[] = {
     {0, NULL},
 };
 
-static PyType_Spec decoder_spec = {
-    .name = "imud._core.FrameDecoder",
-    .basicsize = sizeof(struct decoder),
-    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
-    .slots = decoder_slots,
-};
+static PyType_Spec decoder_spec = TYPE("FrameDecoder", struct decoder, decoder_slots);
 
 static PyObject *core_crc16(PyObject *Py_UNUSED(module), PyObject *args) {
     long seed = 0;

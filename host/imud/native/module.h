@@ -6,6 +6,14 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+// A type of the module whose instances the collector knows.
+#define TYPE(type_name, instance, type_slots)                                          \
+    {                                                                                  \
+        .name = "imud._core." type_name, .basicsize = sizeof(instance),                \
+        .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,   \
+        .slots = (type_slots)                                                          \
+    }
+
 extern PyType_Spec calibrator_spec;
 extern PyType_Spec chunk_spec;
 extern PyType_Spec line_spec;

@@ -240,9 +240,4 @@ static PyType_Slot reader_slots[] = {
     {0, NULL},
 };
 
-PyType_Spec reader_spec = {
-    .name = "imud._core.Reader",
-    .basicsize = sizeof(struct reader),
-    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
-    .slots = reader_slots,
-};
+PyType_Spec reader_spec = TYPE("Reader", struct reader, reader_slots);

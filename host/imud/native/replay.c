@@ -210,9 +210,4 @@ static PyType_Slot replay_slots[] = {
     {0, NULL},
 };
 
-PyType_Spec replay_spec = {
-    .name = "imud._core.Replay",
-    .basicsize = sizeof(struct replay),
-    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
-    .slots = replay_slots,
-};
+PyType_Spec replay_spec = TYPE("Replay", struct replay, replay_slots);
