@@ -18,10 +18,6 @@ from imud.client import Client
 CONFIG = "[log]\nrotate_mb = 1\nfloor_mb = 1\n"
 
 
-def open_files(pid: int) -> int:
-    return len([*Path(f"/proc/{pid}/fd").iterdir()])
-
-
 @pytest.mark.parametrize("limit", ["RLIMIT_NOFILE", "RLIMIT_FSIZE"])
 def test_the_log_stops_says_why_and_goes_on_when_there_is_room_again(
     tmp_path: Path, limit: str
