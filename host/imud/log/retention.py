@@ -17,6 +17,7 @@ import time
 from calendar import timegm
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 
 from imud.log.parts import first_metadata, has_end
@@ -178,22 +179,18 @@ def _in_order(logs: Iterator[_Log]) -> list[tuple[_Log, float]]:
     dated, or else that of the next of its machine which is; infinity: there is none.
     """
     here = this_machine()
-    machines: dict[str, list[_Log]] = {}
-    for log in logs:
+    places: dict[str, float] = {}  # of the next log of each machine
+    placed: list[tuple[float, _Log, float]] = []
+    order = attrgetter("number", "claimed_s", "path.name")
+    for log in sorted(logs, key=order, reverse=True):
         # Those of versions without numbers are the oldest of this machine.
-        machines.setdefault(log.machine or here, []).append(log)
-    placed: list[tuple[float, int, float, str, float, _Log]] = []
-    for each in machines.values():
-        each.sort(key=lambda log: (log.number, log.claimed_s, log.path.name))
-        place_s = math.inf
-        for log in reversed(each):
-            # Never after the next: a clock that was ahead for a while is no age.
-            place_s = min(place_s, log.claimed_s if log.is_dated else math.inf)
-            ended_s = log.claimed_s if log.is_dated else place_s
-            place = (place_s, log.number, log.claimed_s, log.path.name)
-            placed.append((*place, ended_s, log))
-    placed.sort(key=lambda entry: entry[:4])
-    return [(log, ended_s) for *_, ended_s, log in placed]
+        who = log.machine or here
+        dated_s = log.claimed_s if log.is_dated else math.inf
+        # Never after the next: a clock that was ahead for a while is no age.
+        places[who] = place_s = min(places.get(who, math.inf), dated_s)
+        placed.append((place_s, log, log.claimed_s if log.is_dated else place_s))
+    placed.sort(key=lambda entry: (entry[0], order(entry[1])))
+    return [(log, ended_s) for _, log, ended_s in placed]
 
 
 def _seconds(stamp: str) -> float:
