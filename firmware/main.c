@@ -34,7 +34,9 @@ struct outlet main_wire;
 
 int main(void) {
     board_init();
+#ifndef PORTS_FIXED
     main_wire.put = board_send;
+#endif
     uint32_t stepped_us = board_time_us();
     probe_begin(&probe, PORT_GIVEN(probe_port), stepped_us);
     board_equipment_begin(&probe);

@@ -9,10 +9,12 @@
 #ifdef PORTS_FIXED
 #include "parts.h"
 #define BOARD_SENSOR fixed_sensor
+#define BOARD_BUS fixed_bus
 #define BOARD_MEMORY fixed_memory
 #define PORT_GIVEN(port) 0
 #else
 #define BOARD_SENSOR board_sensor
+#define BOARD_BUS board_bus
 #define BOARD_MEMORY board_memory
 #define PORT_GIVEN(port) (&(port))
 #endif
@@ -32,7 +34,7 @@ static const IN_FLASH struct probe_port probe_port = {
 };
 static const IN_FLASH struct acquisition_port acquisition_port = {
     .sensor = &BOARD_SENSOR,
-    .bus = &board_bus,
+    .bus = PORT_GIVEN(BOARD_BUS),
     .recover_bus = board_bus_recover,
     .start_sampling = board_sampling_start,
     .stop_sampling = board_sampling_stop,

@@ -3,5 +3,5 @@
 #include "../board.h"
 #include "core/drivers/mpu9250.h"
 
-struct mpu9250 chip;
-const IN_FLASH struct sensor_driver board_sensor = MPU9250_DRIVER(&chip);
+struct mpu9250 board_chip;
+const IN_FLASH struct sensor_driver board_sensor = MPU9250_DRIVER(&board_chip);

@@ -98,14 +98,14 @@ static enum bus_result transfer(uint8_t address, uint8_t reg, uint8_t *data,
     return result;
 }
 
-static enum bus_result read_registers(void *port, uint8_t address, uint8_t reg,
-                                      uint8_t *data, uint8_t length) {
+enum bus_result sampling_read(void *port, uint8_t address, uint8_t reg, uint8_t *data,
+                              uint8_t length) {
     (void)port;
     return transfer(address, reg, data, length);
 }
 
-static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
-                                       const uint8_t *data, uint8_t length) {
+enum bus_result sampling_write(void *port, uint8_t address, uint8_t reg,
+                               const uint8_t *data, uint8_t length) {
     (void)port;
     sampling.is_write = true;
     const enum bus_result result = transfer(address, reg, (uint8_t *)data, length);
@@ -113,7 +113,7 @@ static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
     return result;
 }
 
-const IN_FLASH struct bus_device board_bus = {read_registers, write_registers, 0};
+const IN_FLASH struct bus_device board_bus = {sampling_read, sampling_write, 0};
 
 // This board's sensor has one burst a sample, or with SAMPLING_TWO_BURSTS two.
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {

@@ -14,9 +14,15 @@ static const IN_FLASH struct sensor_driver fixed_sensor =
 #else
 #include "core/drivers/mpu9250.h"
 
-extern struct mpu9250 chip;
-static const IN_FLASH struct sensor_driver fixed_sensor = MPU9250_DRIVER(&chip);
+extern struct mpu9250 board_chip;
+static const IN_FLASH struct sensor_driver fixed_sensor = MPU9250_DRIVER(&board_chip);
 #endif
+
+enum bus_result sampling_read(void *port, uint8_t address, uint8_t reg, uint8_t *data,
+                              uint8_t length);
+enum bus_result sampling_write(void *port, uint8_t address, uint8_t reg,
+                               const uint8_t *data, uint8_t length);
+static const IN_FLASH struct bus_device fixed_bus = {sampling_read, sampling_write, 0};
 
 uint8_t eeprom_read(void *port, uint16_t offset);
 void eeprom_write(void *port, uint16_t offset, uint8_t value);

@@ -8,6 +8,7 @@
 #include "core/drivers/mag_watch.h"
 #include "core/drivers/mpu9250_private.h"
 #include "core/drivers/mpu9250_registers.h"
+#include "core/drivers/ports_of.h"
 #include "core/math/fixed.h"
 #include "core/math/in_flash.h"
 
@@ -200,12 +201,14 @@ enum { KEPT_ROWS = sizeof table.kept / sizeof table.kept[0] };
 NOINLINE static enum sensor_result read(const IN_FLASH struct bus_device *bus,
                                         uint8_t address, uint8_t reg, uint8_t *data,
                                         uint8_t length) {
-    return (enum sensor_result)bus->read(bus->port, address, reg, data, length);
+    return (enum sensor_result)BUS_PORT(bus)->read(BUS_PORT(bus)->port, address, reg,
+                                                   data, length);
 }
 
 NOINLINE static enum sensor_result write(const IN_FLASH struct bus_device *bus,
                                          uint8_t address, uint8_t reg, uint8_t value) {
-    return (enum sensor_result)bus->write(bus->port, address, reg, &value, 1);
+    return (enum sensor_result)BUS_PORT(bus)->write(BUS_PORT(bus)->port, address, reg,
+                                                    &value, 1);
 }
 
 static bool is_within(const struct mpu9250 *chip, uint16_t now, uint8_t ticks) {

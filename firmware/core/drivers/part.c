@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "core/drivers/ports_of.h"
 #include "core/math/fixed.h"
 
 enum {
@@ -31,7 +32,8 @@ enum sensor_result part_read(const struct part *part,
     if (length > 1) {
         reg |= part->chip->increment;
     }
-    return (enum sensor_result)bus->read(bus->port, part->address, reg, data, length);
+    return (enum sensor_result)BUS_PORT(bus)->read(BUS_PORT(bus)->port, part->address,
+                                                   reg, data, length);
 }
 
 enum sensor_result part_ask(struct part *part, const IN_FLASH struct bus_device *bus,
@@ -176,7 +178,8 @@ static enum sensor_result judge(struct part *part, uint16_t now, uint8_t number)
 static enum sensor_result write(const struct part *part,
                                 const IN_FLASH struct bus_device *bus, uint8_t reg,
                                 uint8_t value) {
-    return (enum sensor_result)bus->write(bus->port, part->address, reg, &value, 1);
+    return (enum sensor_result)BUS_PORT(bus)->write(BUS_PORT(bus)->port, part->address,
+                                                    reg, &value, 1);
 }
 
 // A register of those that are kept.

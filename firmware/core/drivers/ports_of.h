@@ -10,12 +10,14 @@
 #include HEADER(PORTS_FIXED)
 #define ACQUISITION_PORT(acquisition) ((void)(acquisition), &acquisition_port)
 #define PROBE_PORT(probe) ((void)(probe), &probe_port)
+#define BUS_PORT(bus) ((void)(bus), &BOARD_BUS)
 #define MEMORY_PORT(memory) ((void)(memory), &BOARD_MEMORY)
 #define OUTLET_PUT(outlet) board_send
 #define SET_PORT(part, given) ((void)(given))
 #else
 #define ACQUISITION_PORT(acquisition) ((acquisition)->port)
 #define PROBE_PORT(probe) ((probe)->port)
+#define BUS_PORT(bus) (bus)
 #define MEMORY_PORT(memory) (memory)
 #define OUTLET_PUT(outlet) ((outlet)->put)
 #define SET_PORT(part, given) ((part)->port = (given))

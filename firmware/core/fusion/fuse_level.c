@@ -107,9 +107,8 @@ void fuse_stage_level(struct fuse *fuse) {
     if (fuse->state.windows > FUSE_LEVEL_SETTLE && fuse_is_force_hidden(fuse)) {
         fuse->state.tilt[0].corrected_rad_s = 0;
         fuse->state.tilt[1].corrected_rad_s = 0;
-        fuse->state.drift_square += HIDDEN_DRIFT_Q30;
-        if (fuse->state.drift_square > HIDDEN_MOST_Q30) {
-            fuse->state.drift_square = HIDDEN_MOST_Q30;
+        fixed_add_clamped(HIDDEN_DRIFT_Q30, HIDDEN_MOST_Q30, &fuse->state.drift_square);
+        if (fuse->state.drift_square == HIDDEN_MOST_Q30) {
             fuse->state.doubts |= FUSE_FORCE;
         }
         return;
