@@ -92,7 +92,9 @@ static void predict_field(struct twin *t, bool is_resting) {
     }
     for (int i = 0; i < 6; ++i) {
         const bool is_astray = t->astray > FUSE_ASTRAY_SHARE && !is_resting;
-        t->field[7 * i] += i < 3       ? FUSE_PER_WINDOW(FUSE_PLACE_WANDER_UT2_S)
+        const double place =
+            FUSE_PLACE_WANDER_UT2_S + fmax(0, t->drifting) / FUSE_DRIFTING_WANDER_S;
+        t->field[7 * i] += i < 3       ? FUSE_PER_WINDOW(place)
                            : is_astray ? FUSE_PER_WINDOW(FUSE_OWN_WANDER_ASTRAY_UT2_S)
                                        : FUSE_PER_WINDOW(FUSE_OWN_WANDER_UT2_S);
         t->field[7 * i] =
@@ -138,6 +140,14 @@ void twin_stage_turning(struct twin *t) {
     }
     off = twin_clamp(off, FUSE_ACROSS_MAX_UT);
     t->across += (off - t->across) / FUSE_WINDOWS(FUSE_ACROSS_TAU_S);
+    const double along =
+        twin_clamp(away[1] * row[0] - away[0] * row[1], FUSE_ACROSS_MAX_UT);
+    t->along += (along - t->along) / FUSE_WINDOWS(FUSE_ACROSS_TAU_S);
+    if (t->rest != FUSE_LOOKS(FUSE_REST_S) &&
+        sqrt(t->drift_square) < FUSE_DRIFTING_LEVEL_DPS * DEGREE) {
+        t->drifting += (pow(t->across, 2) - pow(t->along, 2) - t->drifting) /
+                       FUSE_WINDOWS(FUSE_DRIFTING_TAU_S);
+    }
     // Of the heading's variance, what the field's covariance has already.
     const double unit = fmin(norm, FUSE_TURNING_FIELD_MAX_UT) * DEGREE;  // uT a DEGREE
     const double seen = unit * unit * t->motion[(STATES + 1) * HEADING];

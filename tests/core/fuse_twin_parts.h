@@ -40,7 +40,8 @@ struct twin {
     bool has_reading, is_turned;
     double place[3], own[3], field[36], noise, astray;
     double lag, lag_variance, slope[3];  // s, s2, uT/s: of the reading by the lag
-    double across, heading_variance;     // uT, rad2
+    double across, along;                // uT: means of the surprise
+    double drifting, heading_variance;   // uT2, rad2
     int learnt;
     enum fuse_twin_doubt { PLAIN, IMPOSSIBLE, UNLIKE } doubt;  // of the place
     bool is_own_unknown;

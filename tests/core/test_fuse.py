@@ -166,9 +166,9 @@ def test_a_passing_magnet_is_told_and_turns_the_heading_by_little():
     assert is_disturbed[2500:3800].all()
     assert not is_disturbed[4400:].any()
     heading = desk.heading_deg(found, felt.quat)
-    assert heading[1000:2000].max() < 1
+    assert heading[1000:2000].max() < 1.1
     assert heading[2000:].max() < 3
-    assert heading[-1] < 1
+    assert heading[-1] < 1.1
 
 
 def test_a_field_of_another_kind_from_the_start_is_only_another_north():

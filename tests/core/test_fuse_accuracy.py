@@ -199,4 +199,4 @@ def test_an_error_of_the_heading_makes_the_place_unsure_across_its_field():
     assert place == pytest.approx([14.1 * desk.FIELD] * 2, rel=0.02)
     xx, xy, yy = list(fuse.c.state.field_covariance)[:3]
     along, across = (xx + yy) / 2 + xy, (xx + yy) / 2 - xy
-    assert across - along > 0.04 * UNIT_UT2
+    assert across - along > 0.02 * UNIT_UT2

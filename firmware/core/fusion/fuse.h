@@ -95,7 +95,9 @@ struct fuse_state {
     q13_19_t field_noise;      // of this reading, uT2
     q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
     q2_30_t drift_square;      // (rad/s)^2, of what levelling keeps correcting
-    q14_18_t across_mean;      // uT, across the field: how readings keep surprising
+    // 1024ths of 1 uT, across the field and along it: how readings keep surprising.
+    int16_t across_mean, along_mean;
+    int32_t drifting;  // 2^20ths of 1 uT2: by how much the square across is more
     // Half of what a heading error of 4 degrees changes across the horizontal field,
     // uT, and the unit vector there.
     q2_14_t turned_by, across[2];

@@ -38,6 +38,7 @@ enum {
 #define FIELD_VARIANCE_UNKNOWN_MAX Q19(FUSE_FIELD_UNKNOWN_MAX_UT2)
 #define FIELD_NOISE Q19(FUSE_FIELD_NOISE_UT2_S / FUSE_WINDOW_S)
 #define FIELD_NOISE_MAX Q19(FUSE_FIELD_NOISE_MAX_UT2)
+#define DRIFTING_LEVEL_Q30 Q_RAD2(SQUARE(FUSE_DRIFTING_LEVEL_DPS), 30)
 #define PLACE_WANDER Q19(FUSE_PER_WINDOW(FUSE_PLACE_WANDER_UT2_S))
 #define OWN_WANDER Q19(FUSE_PER_WINDOW(FUSE_OWN_WANDER_UT2_S))
 #define OWN_WANDER_ASTRAY Q19(FUSE_PER_WINDOW(FUSE_OWN_WANDER_ASTRAY_UT2_S))
@@ -245,7 +246,8 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     }
     const int16_t limit = FIXED_HIGH(
         fuse_is_own_unknown(fuse) ? FIELD_VARIANCE_UNKNOWN_MAX : FIELD_VARIANCE_MAX);
-    kalman_wander(covariance, 0, PLACE_WANDER, limit);
+    const int32_t drifting = fuse->state.drifting > 0 ? fuse->state.drifting : 0;
+    kalman_wander(covariance, 0, PLACE_WANDER + fixed_byte_floor(drifting), limit);
     kalman_wander(covariance, 3, is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER,
                   limit);
 }
@@ -317,24 +319,43 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
     return fixed_clamp(noise < least ? least : noise, TURNING_NOISE_MAX);
 }
 
-// What of the reading is across the horizontal field, and the noise of it.
-NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
+// A step of a mean towards uT, held within 10.
+NOINLINE static void follow(int16_t *mean, q14_18_t ut) {
+    const int16_t now =
+        (int16_t)fixed_byte_floor(fixed_clamp_high(ut, FIXED_HIGH(ACROSS_LIMIT_Q18)));
+    *mean = (int16_t)(*mean + (int16_t)(now - *mean) / ACROSS_WINDOWS);
+}
+
+// What of the reading is across the horizontal field, and the noise of it. What goes on
+// across and not along is the gyroscope's drift.
+NOINLINE static q14_18_t look_across(struct fuse *fuse, int32_t *noise) {
     q2_14_t row[FUSE_FIELD_STATES];
     row[0] = fuse->state.across[0];
     row[1] = fuse->state.across[1];
     row[2] = 0;
+    const q2_14_t side[3] = {row[1], (q2_14_t)-row[0], 0};
     uint32_t square = 0;
     q14_18_t off = 0;
+    q14_18_t along = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const q14_18_t away = add_away(fuse, axis, &square);
         fixed_add_product(away, row[axis], &off);
+        fixed_add_product(away, side[axis], &along);
         row[3 + axis] = (q2_14_t)fixed_scale_down(
             (int32_t)row[0] * fuse->state.level_from_body.row[0][axis] +
                 (int32_t)row[1] * fuse->state.level_from_body.row[1][axis],
             14);
     }
     *noise = turning_noise(fuse, row, square);
-    return fixed_clamp_high(off, FIXED_HIGH(ACROSS_LIMIT_Q18));
+    follow(&fuse->state.across_mean, off);
+    follow(&fuse->state.along_mean, along);
+    if (!fuse_is_at_rest(fuse) && fuse->state.drift_square < DRIFTING_LEVEL_Q30) {
+        const int32_t more =
+            (int32_t)fuse->state.across_mean * fuse->state.across_mean -
+            (int32_t)fuse->state.along_mean * fuse->state.along_mean;
+        fuse->state.drifting += fixed_byte_floor(more - fuse->state.drifting);
+    }
+    return off;
 }
 
 void fuse_stage_turning(struct fuse *fuse) {
@@ -343,8 +364,6 @@ void fuse_stage_turning(struct fuse *fuse) {
         return;
     }
     const int32_t off = look_across(fuse, &noise);
-    fixed_add(fixed_divide(off - fuse->state.across_mean, ACROSS_WINDOWS),
-              &fuse->state.across_mean);
     q2_14_t row[KALMAN_STATES] = {0};
     row[FUSE_TURNS] = fuse->state.turned_by;
     fuse_read_motion(

@@ -5,7 +5,7 @@
 #define HEADING_LEANING_TWICE ROUNDED(2 * SQUARE(FUSE_HEADING_DRIFT_S))
 #define COVARIANCE_SHARE_Q30 Q30(FUSE_COVARIANCE_SHARE)
 #define WORST_Q8 ROUNDED(FUSE_HEADING_WORST * 256)
-#define ACROSS_Q14 Q14(FUSE_HEADING_ACROSS)
+#define ACROSS_HALF_Q14 Q14(FUSE_HEADING_ACROSS / 2)
 #define ASTRAY_Q3 ROUNDED(FUSE_HEADING_ASTRAY_UT2 * 8)  // 65536ths to q13_19
 #define UNCALIBRATED_VARIANCE Q19(SQUARE(FUSE_UNCALIBRATED_SIGMA_UT))
 #define HORIZONTAL_MIN_Q18 Q18(FUSE_HORIZONTAL_MIN_UT)
@@ -49,9 +49,9 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
     fixed_add(2 * fuse_leaning(fuse, fuse_level_variance(fuse) - level +
                                          fixed_divide(level, FUSE_LEVEL_SHARE)),
               &total_q19);
-    const int32_t mean_square =
-        fixed_square_q30(fixed_scale_up(fuse->state.across_mean, 6));
-    fixed_add(2 * fixed_mul_q14(mean_square, ACROSS_Q14), &total_q19);
+    const int32_t mean_square =  // 2^20ths of 1 uT2
+        (int32_t)fuse->state.across_mean * fuse->state.across_mean;
+    fixed_add(fixed_mul_q14(mean_square, ACROSS_HALF_Q14), &total_q19);
     fixed_add(fixed_times(fuse->state.field_astray, ASTRAY_Q3), &total_q19);
     // Divided by the field twice; 64ths keep the first quotient in range.
     const uint32_t total_q12 =

@@ -111,7 +111,7 @@
 #define FUSE_FIELD_UNKNOWN_MAX_UT2 460.0  // its square on an uncalibrated probe
 #define FUSE_PLACE_SIGMA_UT 1.5           // of the first mean at rest
 #define FUSE_PLACE_MOVING_SIGMA_UT 3.0    // in addition, if there was no rest
-#define FUSE_PLACE_WANDER_UT2_S 0.024     // growth of the variance
+#define FUSE_PLACE_WANDER_UT2_S 0.002     // growth of the variance
 #define FUSE_PLACE_SPREAD_MAX_UT2 60.0    // limit to what heading errors add to it
 
 // What can't be the field of the Earth, which is 22 to 67 uT (IGRF-13), or isn't that
@@ -157,8 +157,15 @@
 #define FUSE_ACROSS_TAU_S 3.2  // averaging of what readings are off, with its sign
 #define FUSE_ACROSS_MAX_UT 10.0
 
+// A drifting gyroscope shows across the field only, a bent room along it, too: what the
+// square across is more than that along, averaged over 25.6 s in motion, but not while
+// levelling corrects more than this, lets the place wander by 1 / 12.8 s.
+#define FUSE_DRIFTING_LEVEL_DPS 0.3
+#define FUSE_DRIFTING_TAU_S 25.6
+#define FUSE_DRIFTING_WANDER_S 12.8
+
 // Growth of the heading's variance.
-#define FUSE_HEADING_WANDER_DEG2_S 0.05
+#define FUSE_HEADING_WANDER_DEG2_S 0.025
 #define FUSE_HEADING_WANDER_ALONE_DEG2_S 0.3    // without readings
 #define FUSE_HEADING_WANDER_TURNED_DEG2_S 40.0  // while readings say that it is wrong
 
