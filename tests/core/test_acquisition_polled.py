@@ -140,12 +140,10 @@ def test_a_wire_that_comes_off_is_done_without_and_used_again() -> None:
     before = board.samples
     board.run(4)  # listened in vain: no sample is lost
     assert board.samples - before == pytest.approx(800, abs=2)
-    board.off_us = PERIOD_US // 2
-    board.is_wired = True
+    board.off_us, board.is_wired = PERIOD_US // 2, True
     board.run(2)
     assert board.c.is_polled  # such edges are noise
-    board.off_us = 0
-    before, board.gaps = board.samples, []
+    board.off_us, before = 0, board.samples
     board.run(2)
     assert not board.c.is_polled
     told = (lib.EVENT_BUS_RECOVERED, lib.CAUSE_NO_DATA_READY, 0)

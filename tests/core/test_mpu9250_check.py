@@ -97,18 +97,6 @@ def test_a_pulled_wire_is_reported_by_a_check():
     assert bench.check() == lib.SENSOR_BUS_NACK
 
 
-def test_a_magnetometer_that_goes_silent_is_noticed_after_five_checks():
-    bench = running()
-    bench.samples(40)
-    bench.fault(lib.CHIP_FAULT_NO_MAG)
-    results = bench.checks(6)
-    assert all(result >= 0 for result in results[:5])
-    assert results[5] == lib.SENSOR_MAG_CHANGED
-    assert bench.set_up() == lib.SENSOR_OK
-    assert bench.identity.kind == lib.SENSOR_MPU6500
-    assert bench.burst.length == 14
-
-
 def test_an_absent_magnetometer_is_found_when_it_answers():
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_NO_MAG)
