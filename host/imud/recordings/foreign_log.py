@@ -23,15 +23,19 @@ from imud.log.undated import write_capture
 from imud.probes.first_hello import first_hello, probe_in_file
 from imud.probes.session import Probe
 from imud.recordings import foreign_map, foreign_table
-from imud.recordings.foreign_map import ForeignMap
+from imud.recordings.foreign_map import SENSORS, ForeignMap
 from imud.rotation import FloatArray
 from imud.wire import messages, schema
 from imud.wire.frame import encode_frame
 
 FIRMWARE = "import"
 COUNTS_MAX = 32000.0  # of 16 bits
+# 16 g, 2,000 deg/s, and what iron about a probe adds to the Earth's field.
+RANGES = {"acc": 160.0, "gyr": 35.0, "mag": 400.0}
 LEAST_LSB = {"acc": 1e-6, "gyr": 1e-7, "mag": 1e-3}
+CLIPPED = {"acc": "acc_clipped", "gyr": "gyr_clipped"}
 HELLO_S = 1.0
+PAUSE_US = 1_800_000_000  # without a message
 REPEATED_MIN = 0.2  # a share of readings alike that no noise makes
 SAMPLES_MIN = 20
 LEFT_OUT_MAX = 0.05  # a share of rows
@@ -54,14 +58,23 @@ class Imported:
     def has_mag(self) -> bool:
         return bool(np.isfinite(self.mag).any())
 
+    @property
+    def rate_hz(self) -> float:
+        """Rows over time, without gaps."""
+        steps = np.diff(self.t_us)
+        return 1e6 / float(steps[steps <= 3 * np.median(steps)].mean())
+
     def words(self) -> str:
         """On one line."""
         steps = np.diff(self.t_us)
-        rate_hz = 1e6 / float(np.median(steps))
         gaps = int((steps > 3 * np.median(steps)).sum())
-        parts = [f"{len(self.t_us):,} samples at {rate_hz:.1f} Hz"]
+        parts = [f"{len(self.t_us):,} samples at {self.rate_hz:.1f} Hz"]
         parts += [f"{gaps} gaps"] if gaps else []
         parts += [self.loss] if self.left_out else []
+        for name in SENSORS:
+            rows = getattr(self, name)
+            if clipped := _is_clipped(rows, _lsb(name, rows)).sum():
+                parts.append(f"{clipped} of {name} clipped")
         if not self.has_mag:
             parts.append("no magnetometer")
         if self.texts:
@@ -83,8 +96,8 @@ class Imported:
 def read(path: Path, told: ForeignMap | None = None) -> Imported:
     """A foreign recording. FileError with what is wrong, or has to be told."""
     table = foreign_table.read(path)
-    told = foreign_map.completed(table, told or ForeignMap())
-    t_s = foreign_map.times_s(table, told)
+    told = told or ForeignMap()
+    t_s = foreign_map.completed(table, told)
     acc, gyr = (foreign_map.vector(table, told, name) for name in ("acc", "gyr"))
     mag = np.full_like(acc, np.nan)
     if "mag" in told.columns:
@@ -123,9 +136,17 @@ def frames(found: Imported, probe_id: bytes) -> Iterator[bytes]:
         "mag": _lsb("mag", found.mag),
     }
     hello = _hello(found, probe_id, lsbs)
-    counts = {name: np.rint(getattr(found, name) / lsb) for name, lsb in lsbs.items()}
-    sequence, next_us = 0, 0
+    counts = {name: _counts(getattr(found, name), lsb) for name, lsb in lsbs.items()}
+    is_clipped = {
+        name: _is_clipped(getattr(found, name), lsbs[name]) for name in CLIPPED
+    }
+    sequence, next_us, last_us = 0, 0, 0
     for at, t_us in enumerate(found.t_us.tolist()):
+        while t_us - last_us > PAUSE_US:  # which the wire's 32 bits of us do not hold
+            last_us += PAUSE_US
+            yield _frame("hello", hello, sequence, last_us)
+            sequence += 1
+        last_us = t_us
         if t_us >= next_us:
             yield _frame("hello", hello, sequence, t_us)
             sequence, next_us = sequence + 1, t_us + round(HELLO_S * 1e6)
@@ -134,10 +155,21 @@ def frames(found: Imported, probe_id: bytes) -> Iterator[bytes]:
             "gyr": _triple(counts["gyr"][at]),
             "mag": _triple(counts["mag"][at]),
             "temperature": None,
-            "sample_flags": (),
+            "sample_flags": [
+                flag for name, flag in CLIPPED.items() if is_clipped[name][at]
+            ],
         }
         yield _frame("raw", fields, sequence, t_us)
         sequence += 1
+
+
+def _counts(rows: FloatArray, lsb: float) -> FloatArray:
+    """A clipped reading has one more than all others."""
+    return np.clip(np.rint(rows / lsb), -COUNTS_MAX - 1.0, COUNTS_MAX + 1.0)
+
+
+def _is_clipped(rows: FloatArray, lsb: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    return np.asarray((np.abs(_counts(rows, lsb)) > COUNTS_MAX).any(axis=1))
 
 
 def _triple(counts: FloatArray) -> tuple[int, int, int] | None:
@@ -152,13 +184,18 @@ def _frame(name: str, fields: dict[str, Any], sequence: int, t_us: int) -> bytes
 
 
 def _lsb(name: str, rows: FloatArray) -> float:
-    """The value of a count, so that 16 bits hold the largest reading."""
+    """The value of a count, so that 16 bits hold the largest reading, but for a few
+    that are far above all others and above a sensor's range.
+    """
     sizes = np.abs(rows[np.isfinite(rows)])
-    return max(LEAST_LSB[name], float(sizes.max(initial=0.0)) / COUNTS_MAX)
+    most = float(sizes.max(initial=0.0))
+    if most > RANGES[name]:
+        most = min(most, max(RANGES[name], 4.0 * float(np.percentile(sizes, 99.5))))
+    return max(LEAST_LSB[name], most / COUNTS_MAX)
 
 
 def _hello(found: Imported, probe_id: bytes, lsbs: dict[str, float]) -> dict[str, Any]:
-    rate_hz = min(65535, max(1, round(1e6 / float(np.median(np.diff(found.t_us))))))
+    rate_hz = min(65535, max(1, round(found.rate_hz)))
     return {
         "protocol_version": schema.PROTOCOL_VERSION,
         "schema_fingerprint": schema.FINGERPRINT,

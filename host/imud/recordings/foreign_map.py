@@ -16,6 +16,7 @@ from imud.errors import FileError
 from imud.gravity import GRAVITY_M_S2
 from imud.recordings.foreign_table import words
 from imud.recordings.foreign_text import ForeignTable
+from imud.recordings.foreign_times import SHARED_MAX, straightened
 from imud.rotation import FloatArray
 
 SENSORS = ("acc", "gyr", "mag")
@@ -27,6 +28,10 @@ NAMES = {
 }
 TIMES = ("time", "timestamp", "datetime", "stamp", "t", "seconds", "secs", "micros",
          "millis", "zeit", "uhrzeit", "temps", "tiempo", "tempo")  # fmt: skip
+
+PROCESSED = ("linear", "user", "gravity")
+# A time in two columns.
+SECONDS, NANOSECONDS = ("s", "sec", "secs"), ("nanosec", "nsec", "nsecs")
 
 DEGREE = math.pi / 180.0
 # The value of each unit in m/s2, rad/s, uT and s.
@@ -54,6 +59,8 @@ SPELT = {
 STEP_S = (1.0 / 5000.0, 0.2)
 EARTH_UT = (18.0, 75.0)
 GRAVITY_NEAR = 0.25  # by which the median force may be off gravity, as a share
+NAMED_NEAR = 0.5  # the same where its unit is named
+TURNING_NEAR = 2.0  # by which the rotation of gravity may be off the gyroscope
 SMOOTH_S = 0.3  # over which force is averaged to see gravity turn
 
 
@@ -69,6 +76,7 @@ class ForeignMap:
     axes: dict[str, str] = field(default_factory=dict)
     rate_hz: float | None = None
     named: dict[str, str] = field(default_factory=dict)  # units, in words
+    note: str = ""  # on the times
     guessed: set[str] = field(default_factory=set)
 
     def lines(self) -> Iterator[str]:
@@ -79,7 +87,9 @@ class ForeignMap:
             how = " (guessed)" if name in self.guessed else ""
             unit = self.named.get(name, "")
             along = f", axes {self.axes[name]}" if name in self.axes else ""
-            yield f"{name:<5}{', '.join(self.columns[name])}: {unit}{how}{along}"
+            note = f", {self.note}" if self.note and name == "time" else ""
+            columns = ", ".join(self.columns[name])
+            yield f"{name:<5}{columns}: {unit}{how}{along}{note}"
         if "time" not in self.columns:
             yield f"time {self.rate_hz:g} rows per second, as given"
 
@@ -124,10 +134,12 @@ def _readings(table: ForeignTable, told: ForeignMap, sensor: str) -> FloatArray:
     return found
 
 
-def completed(table: ForeignTable, told: ForeignMap) -> ForeignMap:
-    """The map with all that was not told, guessed. FileError if that is not possible:
-    it names the missing option.
+def completed(table: ForeignTable, told: ForeignMap) -> FloatArray:
+    """Guesses all that the map was not told, and returns when each row was, s, shape
+    (n,). FileError if that is not possible, or if gravity contradicts: it names the
+    missing option.
     """
+    given = set(told.units)
     for name, columns in told.columns.items():
         if missing := [each for each in columns if each not in table.columns]:
             raise FileError(
@@ -136,13 +148,39 @@ def completed(table: ForeignTable, told: ForeignMap) -> ForeignMap:
             )
     _find_columns(table, told)
     if table.is_known:
-        told.units |= {"acc": 1.0, "gyr": 1.0, "mag": 1e6, "time": 1.0}
-        told.named |= {"acc": "m/s2", "gyr": "rad/s", "mag": "T", "time": "s"}
+        told.units = {"acc": 1.0, "gyr": 1.0, "mag": 1e6, "time": 1.0} | told.units
+        named = {"acc": "m/s2", "gyr": "rad/s", "mag": "T", "time": "s"}
+        told.named = named | told.named
     _find_time(table, told)
+    t_s, told.note = _times_s(table, told)
     _find_acc(table, told)
+    if "acc" not in given:
+        _check_gravity(table, told)
     _find_mag(table, told)
-    _find_gyr(table, told)
-    return told
+    _find_gyr(table, told, t_s)
+    if "gyr" not in given:
+        _check_turning(table, told, t_s)
+    return t_s
+
+
+def _check_gravity(table: ForeignTable, told: ForeignMap) -> None:
+    size = float(np.nanmedian(np.linalg.norm(vector(table, told, "acc"), axis=1)))
+    if abs(size / GRAVITY_M_S2 - 1.0) > NAMED_NEAR:
+        raise FileError(
+            f"{', '.join(told.columns['acc'])}: {size:.3g} m/s2 as a rule, where "
+            "gravity is 9.8: choose columns with gravity by --map acc=X,Y,Z, or pass "
+            "the right unit, such as --unit acc=g"
+        )
+
+
+def _check_turning(table: ForeignTable, told: ForeignMap, t_s: FloatArray) -> None:
+    factor = seen_turning(vector(table, told, "acc"), vector(table, told, "gyr"), t_s)
+    if factor is not None and not 1.0 / TURNING_NEAR < factor < TURNING_NEAR:
+        rate_hz = 1.0 / (factor * float(np.nanmedian(np.diff(t_s))))
+        raise FileError(
+            f"gravity rotates {factor:.2g} times as fast as the gyroscope says: pass "
+            f"--rate HZ (about {rate_hz:.2g}) if times are wrong, or --unit gyr=UNIT"
+        )
 
 
 def _find_columns(table: ForeignTable, told: ForeignMap) -> None:
@@ -172,6 +210,8 @@ def _triple(
         found = []
         for axis in "xyz":
             fits = [each for each in columns if _is_named(words(each), name, axis)]
+            # The force that a sensor measures has gravity in it, and is not gravity.
+            fits.sort(key=lambda each: bool(set(words(each)) & set(PROCESSED)))
             found += fits[:1]
         if len(found) == 3:
             return tuple(found)
@@ -196,18 +236,24 @@ def _find_time(table: ForeignTable, told: ForeignMap) -> None:
                 "no column of time found: --map time=COLUMN, or --rate HZ for evenly "
                 "spaced rows"
             )
-        told.columns["time"] = (found[0],)
+        parts = [n for n in found if set(words(n)) & set(NANOSECONDS)]
+        is_split = bool(parts) and bool(set(words(found[0])) & set(SECONDS))
+        told.columns["time"] = (found[0], *(parts[:1] if is_split else ()))
         told.guessed.add("time")
     if "time" in told.units:
         return
-    (name,) = told.columns["time"]
+    name = told.columns["time"][0]
     if name in table.in_seconds:
         told.units["time"], told.named["time"] = 1.0, "s"
         return
     if _named_unit("time", name, told):
         return
-    steps = np.diff(table.columns[name])
+    steps = np.abs(np.diff(table.columns[name]))
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    if (steps == 0.0).mean() > SHARED_MAX:
+        step = float(np.nanmean(steps))  # of rows, not of packets
+    if (steps == 1.0).all():
+        raise FileError(f"{name} counts rows, or ms: pass --rate HZ, or --unit time=ms")
     for unit, factor in UNITS["time"].items():
         if STEP_S[0] <= step * factor <= STEP_S[1]:
             _guess(told, "time", unit, factor)
@@ -279,13 +325,13 @@ def _find_mag(table: ForeignTable, told: ForeignMap) -> None:
     raise _which_unit(told, "mag", sizes[0], ("mG", "0.15uT"))
 
 
-def _find_gyr(table: ForeignTable, told: ForeignMap) -> None:
+def _find_gyr(table: ForeignTable, told: ForeignMap, t_s: FloatArray) -> None:
     """Finds the unit with which gravity rotates in the body as the rates do."""
     if "gyr" in told.units or _named_unit("gyr", told.columns["gyr"][0], told):
         return
     acc = vector(table, told, "acc")
     rows = _readings(table, told, "gyr")
-    factor = seen_turning(acc, rows, times_s(table, told))
+    factor = seen_turning(acc, rows, t_s)
     for unit, one in (UNITS["gyr"] | COUNTS["gyr"]).items():
         if factor is not None and abs(math.log(one / factor)) < math.log(1.5):
             _guess(told, "gyr", unit, one)
@@ -296,21 +342,21 @@ def _find_gyr(table: ForeignTable, told: ForeignMap) -> None:
     )
 
 
-def times_s(table: ForeignTable, told: ForeignMap) -> FloatArray:
-    """When each row was, s, shape (n,)."""
+def _times_s(table: ForeignTable, told: ForeignMap) -> tuple[FloatArray, str]:
     if told.rate_hz is not None:
-        return np.arange(len(table)) / told.rate_hz
-    (name,) = told.columns["time"]
+        return np.arange(len(table)) / told.rate_hz, ""
+    name, *rest = told.columns["time"]
     values = table.columns[name]
-    # From the first one on: nanoseconds since 1970 are more than a double holds.
-    return np.asarray((values - values[0]) * told.units["time"])
+    if rest:
+        values = values - values[0] + 1e-9 * table.columns[rest[0]]
+    return straightened(name, values, told.units["time"])
 
 
 def seen_turning(acc: FloatArray, gyr: FloatArray, t_s: FloatArray) -> float | None:
     """What a unit of the rate must be for gravity to turn with it, rad/s: in the body
     it turns by u' = -w x u. None if it hardly turned, or otherwise.
     """
-    step = float(np.median(np.diff(t_s)))
+    step = float(np.nanmedian(np.diff(t_s)))
     width = max(3, round(SMOOTH_S / step)) if step > 0.0 else 3
     if len(acc) < 4 * width:
         return None

@@ -6,6 +6,7 @@ comes of it is a log like any other.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -246,11 +247,11 @@ ROWS = [f"{n / 100},0,{n / 100},1,0.5,0,-0.25" for n in range(100)]
         ),
         (lines(HEAD, *[ROW] * 9), "unknown unit of t, with steps of 0"),
         (
-            lines(HEAD, *(f"{n},0,0,77,0,0,1" for n in range(99))),
+            lines(HEAD, *(f"{2 * n},0,0,77,0,0,1" for n in range(99))),
             "unknown unit of ax, ay",
         ),
         (
-            lines(HEAD, *(f"{n},0,0,9.8,0,0,1" for n in range(99))),
+            lines(HEAD, *(f"{2 * n},0,0,9.8,0,0,1" for n in range(99))),
             "unknown unit of gx, gy",
         ),
         ("x" * 70000, "longer than 65536 characters"),
@@ -375,3 +376,92 @@ def test_a_small_parquet_of_long_texts_and_lists_takes_no_memory(
     parquet.write_table(pyarrow.table(table), path, store_schema=False)
     with pytest.raises(FileError, match="takes too much memory"):
         foreign_log.read(path)
+
+
+def motion_with(path: Path, t: FloatArray, *, scale: float = 1.0) -> Path:
+    """A body that turns about x; 100 rows a second."""
+    at = np.arange(len(t)) / 100.0
+    angle, none = at + np.sin(at), np.zeros_like(at)
+    acc = scale * np.stack([none, np.sin(angle), np.cos(angle)], axis=1)
+    gyr = np.stack([1.0 + np.cos(at), none, none], axis=1)
+    names = ["time", *named("acc_{}_g", "gyr_{}_rad_s")]
+    rows = [names, *np.column_stack([t, acc, gyr]).tolist()]
+    path.write_text(lines(*(",".join(map(str, row)) for row in rows)))
+    return path
+
+
+EVEN = np.arange(3000) / 100.0
+
+
+@pytest.mark.parametrize(
+    ("start", "modulus"),
+    [
+        (2**16 - 777, 2**16),  # us, so that it wraps every 6.5 rows
+        (2**24 - 5e6, 2**24),
+        (2**32 - 5e6, 2**32),
+        (86400.0 - 5.0, 86400.0),
+    ],
+)
+def test_a_counter_that_wrapped_is_continued(
+    start: float, modulus: float, tmp_path: Path
+) -> None:
+    ticks = 1.0 if modulus == 86400.0 else 1e6
+    wrapped = np.round((start + EVEN * ticks) % modulus, 3)
+    found = foreign_log.read(motion_with(tmp_path / "a.csv", wrapped))
+    assert found.left_out == 0
+    assert np.abs(found.t_us - 1000 - 1e6 * EVEN).max() <= 1
+    assert f"at {modulus:.10g}" in next(found.told.lines())
+
+
+@pytest.mark.parametrize(
+    ("t", "why"),
+    [
+        (np.where(EVEN < 9.995, EVEN, EVEN - 3600), "row 1001: time steps back by 35"),
+        (np.where(EVEN < 9.995, EVEN, EVEN - 1.0), "row 1001: time steps back by 0.99"),
+        (np.where(EVEN < 9.995, EVEN, EVEN - 10.0), "row 1001: time steps back by 9.9"),
+        (np.where(EVEN < 9.995, EVEN, EVEN + 1e9), "row 1001: time jumps by 1e+09 s"),
+        (np.floor(EVEN * 10.0) / 10.0, "share each time: pass --rate 100"),
+        (np.floor(EVEN), "share each time: pass --rate 100"),
+        (EVEN[::-1], "sort the rows"),
+        (np.arange(3000), "counts rows, or ms"),
+        (EVEN * 1e4, "gravity rotates 0.11 times as fast as the gyroscope says"),
+    ],
+)  # fmt: skip
+def test_times_that_are_none_are_refused_with_the_choice(
+    t: FloatArray, why: str, tmp_path: Path
+) -> None:
+    path = motion_with(tmp_path / "a.csv", t)
+    with pytest.raises(FileError, match=re.escape(why)):
+        foreign_log.read(path)
+    assert len(foreign_log.read(path, ForeignMap(rate_hz=100.0)).t_us) == 3000
+
+
+def test_what_gravity_contradicts_is_refused_unless_told(tmp_path: Path) -> None:
+    path = motion_with(tmp_path / "a.csv", EVEN, scale=G)  # m/s2, called g
+    with pytest.raises(FileError, match="where gravity is 9"):
+        foreign_log.read(path)
+    told = ForeignMap(units={"acc": unit_of("acc", "m/s2")})
+    assert foreign_log.read(path, told).rate_hz == pytest.approx(100.0)
+    path.write_text(path.read_text().replace("rad_s", "dps"))
+    told = ForeignMap(units={"acc": 1.0})
+    with pytest.raises(
+        FileError, match=r"gravity rotates 6\d times .* or --unit gyr=UNIT"
+    ):
+        foreign_log.read(path, told)
+
+
+def test_a_spike_is_clipped_and_a_pause_keeps_its_length(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = motion_with(tmp_path / "a.csv", np.where(EVEN < 15.0, EVEN, EVEN + 5000.0))
+    words = path.read_text().splitlines()
+    words[1000] = ",".join([words[1000].split(",")[0], "-98000", *["0"] * 5])
+    path.write_text(lines(*words))
+    assert cli.main(["import", str(path)]) == 0
+    assert "100.0 Hz, 1 gaps, 1 of acc clipped" in capsys.readouterr().out
+    assert cli.main(["decode", "--json", str(tmp_path / "a.mcap")]) == 0
+    said = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    raw = [each for each in said if each["type"] == "raw"]
+    assert len(raw) == 3000
+    assert [at for at, each in enumerate(raw) if each["flags"]] == [999]
+    assert raw[-1]["t_device_us"] == 1000 + 29_990_000 + 5_000_000_000
