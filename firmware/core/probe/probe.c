@@ -5,9 +5,9 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/drivers/ports_of.h"
 #include "core/math/constant.h"
 #include "core/probe/own_field.h"
-#include "core/drivers/ports_of.h"
 #include "core/probe/probe_filter.h"
 #include "core/probe/probe_params.h"
 #include "core/probe/probe_stream.h"

@@ -4,8 +4,8 @@
 
 #include <stddef.h>
 
-#include "core/probe/own_field.h"
 #include "core/drivers/ports_of.h"
+#include "core/probe/own_field.h"
 #include "core/probe/probe_filter.h"
 #include "core/probe/send.h"
 
