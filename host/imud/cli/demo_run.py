@@ -38,8 +38,8 @@ DELAY_SHARE = 0.05
 # Commands to try next, shown after a successful run.
 NEXT = (
     ("imud demo --board both", "both boards at once"),
-    ("imud sim nano --stream --link /tmp/probe", "a virtual probe to keep"),
-    ("imud run /tmp/probe", "the daemon, in another terminal"),
+    ("imud sim nano --stream", "a virtual probe to keep"),
+    ("imud run", "the daemon, in another terminal"),
     ("imud view", "open the page, or imud monitor in a third terminal"),
     ("imud flash --board nano", "the same firmware into a real board"),
 )

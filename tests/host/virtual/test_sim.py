@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-import re
 import signal
 import subprocess
 import sys
@@ -23,7 +22,6 @@ from imud.virtual import boards, motion, sensors, sim
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 
-ROOT = Path(__file__).resolve().parents[3]
 PYTHON = sys.executable
 
 # A substitute for the emulator: prints its arguments, and how much motion it received.
@@ -354,14 +352,3 @@ def test_a_second_virtual_probe_does_not_take_the_port_of_the_first(
     with sim.held(link):  # it is free again
         pass
     assert [*tmp_path.iterdir()] == []
-
-
-def test_the_readme_and_the_demo_name_the_port_that_there_is() -> None:
-    """Wherever the system keeps sockets of users, and whatever the default then is."""
-    for file in ("README.md", "host/imud/cli/demo_run.py"):
-        text = (ROOT / file).read_text("utf-8")
-        made = re.search(r"imud sim nano --stream --link (\S+?)[`\"]", text)
-        read = re.search(r"imud run (/\S+?)[`\"]", text[made.end() :] if made else "")
-        assert made is not None, file
-        assert read is not None, file
-        assert made[1] == read[1]
