@@ -23,9 +23,7 @@ def name(i2c, address, who_am_i):
 
 
 def detected(bus):
-    """Looks for sensors in the order of the Pico's firmware in C: by their names, as
-    something else may be at 0x68.
-    """
+    """Looks for sensors by their names: something else may be at 0x68."""
     if not 0x70 <= name(bus.i2c, 0x68, 0x75) <= 0x74:
         for address in (0x6A, 0x6B):
             if name(bus.i2c, address, 0x0F) in (0x6B, 0x6C):
