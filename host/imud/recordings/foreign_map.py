@@ -179,7 +179,7 @@ def _check_turning(table: ForeignTable, told: ForeignMap, t_s: FloatArray) -> No
         rate_hz = 1.0 / (factor * float(np.nanmedian(np.diff(t_s))))
         raise FileError(
             f"gravity rotates {factor:.2g} times as fast as the gyroscope says: pass "
-            f"--rate HZ (about {rate_hz:.2g}) if times are wrong, or --unit gyr=UNIT"
+            f"--rate HZ (about {rate_hz:.0f}) if times are wrong, or --unit gyr=UNIT"
         )
 
 
@@ -211,8 +211,13 @@ def _triple(
         for axis in "xyz":
             fits = [each for each in columns if _is_named(words(each), name, axis)]
             # The force that a sensor measures has gravity in it, and is not gravity.
-            fits.sort(key=lambda each: bool(set(words(each)) & set(PROCESSED)))
-            found += fits[:1]
+            plain = [each for each in fits if not set(words(each)) & set(PROCESSED)]
+            if len(plain) > 1:
+                raise FileError(
+                    f"several columns fit {names[0]}: {', '.join(plain)}; choose three "
+                    f"with --map {names[0]}=X,Y,Z"
+                )
+            found += (plain or fits)[:1]
         if len(found) == 3:
             return tuple(found)
     return None

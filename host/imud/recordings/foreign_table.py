@@ -178,7 +178,7 @@ def _bag(path: Path) -> ForeignTable:
                 else:
                     field = message.magnetic_field
                     fields.append((t_s, field.x, field.y, field.z))
-    except (AnyReaderError, KeyError, ValueError) as error:
+    except (AnyReaderError, KeyError, ValueError, RecursionError) as error:
         raise FileError(f"{path} is not a readable bag: {error}") from error
     if not moved:
         raise FileError(f"{path} has no topic of sensor_msgs/Imu")

@@ -6,15 +6,17 @@ for gigabytes of zeros, and an array's head for any shape.
 from __future__ import annotations
 
 import math
+import tokenize
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 # Bytes of all arrays, beside four times the file's.
 SIZE_MAX = 32 << 20
+HEAD_MAX = 10_000  # as NumPy has it, which first reads all of a longer one
 
 
 def arrays_of(path: Path, keys: Iterable[str]) -> dict[str, np.ndarray[Any, Any]]:
@@ -37,8 +39,8 @@ def arrays_of(path: Path, keys: Iterable[str]) -> dict[str, np.ndarray[Any, Any]
     return found
 
 
-def _size(file: IO[bytes]) -> int:
-    """Bytes of the array, by its head."""
+def _size(file: Any) -> int:
+    """Bytes of the array, by its head, of a file in a zip."""
     version = np.lib.format.read_magic(file)
     read = {
         (1, 0): np.lib.format.read_array_header_1_0,
@@ -46,5 +48,11 @@ def _size(file: IO[bytes]) -> int:
     }.get(version)
     if read is None:
         raise ValueError(f"arrays of version {version}")
-    shape, _, dtype = read(file)
+    length = file.peek(4)[: 2 * version[0]]
+    if int.from_bytes(length, "little") > HEAD_MAX:
+        raise ValueError("the head of an array is too long")
+    try:
+        shape, _, dtype = read(file)
+    except (SyntaxError, tokenize.TokenError, RecursionError, MemoryError) as error:
+        raise ValueError("the head of an array is not one") from error
     return math.prod(shape) * dtype.itemsize

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import re
+import struct
+import zipfile
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -246,6 +248,7 @@ ROWS = [f"{n / 100},0,{n / 100},1,0.5,0,-0.25" for n in range(100)]
             "(line 32: 'x' is not a number) of 33",
         ),
         (lines(HEAD, *[ROW] * 9), "unknown unit of t, with steps of 0"),
+        (lines("t,l_ax,l_ay,l_az,r_ax,r_ay,r_az", ROW), "fit acc: l_ax, r_ax"),
         (
             lines(HEAD, *(f"{2 * n},0,0,77,0,0,1" for n in range(99))),
             "unknown unit of ax, ay",
@@ -465,3 +468,23 @@ def test_a_spike_is_clipped_and_a_pause_keeps_its_length(
     assert len(raw) == 3000
     assert [at for at, each in enumerate(raw) if each["flags"]] == [999]
     assert raw[-1]["t_device_us"] == 1000 + 29_990_000 + 5_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("length", "why"), [(9000, "is not one"), (60 << 20, "is too long")]
+)
+def test_the_head_of_an_array_is_short_and_a_head(
+    length: int, why: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.npz"
+    head = b"\x93NUMPY\2\0" + struct.pack("<I", length)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("time.npy", head + (b"{'descr': " + b"(" * 4000).ljust(length))
+    with pytest.raises(FileError, match=why):
+        foreign_log.read(path)
+
+
+def test_a_bag_whose_description_is_deep_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("[" * 20000)
+    with pytest.raises(FileError, match="is not a readable bag"):
+        foreign_log.read(tmp_path)
