@@ -175,7 +175,7 @@ IDENTITY = b"".join(
 # The first half of SHA-256 of the poses of SAMPLES, of the papers' filters from a
 # firmware that had no params.
 BEFORE = {
-    lib.FILTER_FUSE: "7849073f98c0eb6638aaa77e5de54b11",
+    lib.FILTER_FUSE: "d7d7b5555059d478c9b8c8adcd6f8672",
     lib.FILTER_COMPLEMENTARY: "58e82b104c9c41756759332b9ce31ed9",
     lib.FILTER_MAHONY: "5e1828ad5234bc11ce08f24ecb5a2328",
     lib.FILTER_MADGWICK: "092e807a994b11c5df40ae24cc760b65",
