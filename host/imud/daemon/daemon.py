@@ -38,6 +38,7 @@ from imud.probes.timeline import host_ns
 from imud.serving import faults
 from imud.stages import SendCommands
 from imud.version import version
+from imud.virtual.sim import running_links
 
 logger = logging.getLogger("imud")
 
@@ -97,7 +98,9 @@ class Daemon:
         self._notifier = Notifier()
         self._metrics: MetricsServer | None = None
         self._metrics_again_s = math.inf  # when a taken address is tried again
-        self._finder = Finder(config.ports, self._intake, self._journal)
+        self._finder = Finder(
+            config.ports, self._intake, self._journal, simulated=running_links
+        )
 
     async def run(self) -> None:
         """Serves until SIGTERM or SIGINT; raises the error of a task that failed."""

@@ -38,7 +38,6 @@ from imud.ports.standing import (
     standing_of,
 )
 from imud.ports.udp import UdpPorts
-from imud.virtual.sim import running_links
 
 # The ports are listed this often, which takes 0.9 ms, and whenever /dev changes.
 LIST_S = 1.0
@@ -73,8 +72,9 @@ class Finder:
         journal: Journal,
         *,
         listed: Callable[[], Iterable[Listed]] = list_ports.comports,
-        simulated: Callable[[], Iterable[Path]] = running_links,
+        simulated: Callable[[], Iterable[Path]] = tuple,
     ) -> None:
+        """`simulated`: the ports of virtual probes that run."""
         self._settings = settings
         self._probes = probes
         self._journal = journal
