@@ -18,7 +18,6 @@ from imud.calibration.learned.learner import (
     BETTER,
     EVERY_S,
     SELDOM_S,
-    UNEVEN,
     WINDOW_S,
     Learned,
     Learner,
@@ -224,11 +223,7 @@ def with_magnet(found: tuple[Sample, ...], x_ut: float) -> tuple[Sample, ...]:
 
 
 @pytest.mark.parametrize("since_s", [10.0, 20.0])
-def test_a_magnet_put_on_spoils_only_what_was_before(
-    since_s: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # The module's soft iron is 2.7 sigmas, and 16 s are not many.
-    monkeypatch.setattr("imud.calibration.learned.learner.SOFT_MAX", 3.0)
+def test_a_magnet_put_on_spoils_only_what_was_before(since_s: float) -> None:
     magnet_ut = 30.0
     middle = next(at for at, each in enumerate(used()) if each.t_us > since_s * 1e6)
     found = used()[:middle] + with_magnet(used()[middle:], magnet_ut)
@@ -285,29 +280,6 @@ def test_of_a_module_that_cannot_be_no_shorter_part_is_believed(
     learner = Learner(SCALE)
     assert worked(learner, used(80.0), b"").proposal is None
     assert lengths == [pytest.approx(WINDOW_S, rel=0.01)]
-
-
-@pytest.mark.parametrize(
-    ("soft", "field_deg", "is_refused"),
-    [(0.07, 1.5, False), (0.08, 1.5, True), (0.08, 0.9, False)],
-)
-def test_more_soft_iron_than_modules_have_is_an_uneven_field(
-    soft: float, field_deg: float, is_refused: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Unless the fit is sure."""
-    fit = motion.fit
-
-    def uneven(*work: Any) -> motion.MotionFit | None:
-        found = fit(*work)
-        assert found is not None
-        matrix = np.diag([1 - soft, 1 + soft / 2, 1 + soft / 2])
-        mag = replace(found.mag, matrix=matrix)
-        return replace(found, mag=mag, tilt_deg=0.1, field_deg=field_deg)
-
-    monkeypatch.setattr(motion, "fit", uneven)
-    learned = worked(Learner(SCALE), used(), b"")
-    assert (learned.proposal is None) == is_refused
-    assert learned.refusal == (UNEVEN if is_refused else "")
 
 
 def test_records_that_cannot_be_read_teach_nothing() -> None:

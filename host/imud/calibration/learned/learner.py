@@ -51,11 +51,6 @@ HEADING_MAX_DEG = 7.0
 BETTER = 0.9
 # Beyond these it is no module of ours, or the motion was no motion of a hand.
 AWAY_MAX = 0.15  # of an entry of a matrix
-# Sigmas of its prior: more soft iron is an uneven field, seen from few attitudes. Many
-# attitudes make a fit this sure.
-SOFT_MAX = 2.5
-SURE_DEG = 1.0
-UNEVEN = "the field is uneven where the probe was; turn it every way in one place"
 REST_MAX_RAD_S = math.radians(2.0)  # error of a bias that only motion shows
 # Sigmas by which the own field differs from that of all samples where a magnet was put
 # on: 15 and more with 30 uT; in uneven rooms 3 at most.
@@ -96,7 +91,6 @@ class Learned:
     proposal: Proposal | None
     rest: RestRate | None
     since_us: int = 0  # device time; the samples before it do not fit
-    refusal: str = ""  # why what fits is not proposed
 
 
 @dataclass(slots=True)
@@ -172,7 +166,6 @@ def learned_of(work: Work) -> Learned:
     rest_step = (at.t_us - begin_us) / 1e6 / recording.step_s
     made = {"temperature_c": recording.temperature_c, "method": METHOD}
     whole: MotionFit | None = None
-    refusal = ""
     for start in _starts(calibrated):
         found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
         if found is not None and not _is_module(found):
@@ -181,8 +174,6 @@ def learned_of(work: Work) -> Learned:
             return Learned(None, rest)
         if start == 0:
             whole = found
-        if found is not None and not _is_even(found):
-            refusal = UNEVEN
         if found is None or not _is_sound(found) or not _is_better(found, before):
             continue
         proposal = _proposal(found, base, before, scale, made)
@@ -190,7 +181,7 @@ def learned_of(work: Work) -> Learned:
             return Learned(proposal, rest)
         since_us = begin_us + round(start * recording.step_s * 1e6)
         return Learned(_with_filter_reset(proposal, at, scale), rest, since_us)
-    return Learned(None, rest, refusal=refusal)
+    return Learned(None, rest)
 
 
 def _rest_of(recording: SensorRecording, begin_us: int) -> RestRate | None:
@@ -266,17 +257,7 @@ def _is_sound(found: MotionFit) -> bool:
     """Whether the magnetometer is, too: a magnet that was put on spoils it until the
     readings from before are left out.
     """
-    return (
-        _is_near(found.mag.matrix) and _is_even(found) and of_magnets(found.mag) is None
-    )
-
-
-def _is_even(found: MotionFit) -> bool:
-    """Whether what looks like soft iron is that of a module."""
-    soft = (found.mag.matrix + found.mag.matrix.T) / 2.0
-    soft -= np.eye(3) * np.trace(soft) / 3.0
-    is_usual = float(np.abs(soft).max()) < SOFT_MAX * Priors().mag_soft
-    return is_usual or found.heading_deg < SURE_DEG
+    return _is_near(found.mag.matrix) and of_magnets(found.mag) is None
 
 
 def _is_magnetised(
