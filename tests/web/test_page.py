@@ -103,7 +103,10 @@ def test_signals_are_the_poses_and_can_be_saved(shown: Seen, desk: Desk) -> None
     for place in range(20):
         desk.hand.turn(attitude(place, 0, 0))
         shown.page.wait_for_timeout(30)
-    shown.until("globalThis.imud.view._recorder.raw.length > 20")
+    shown.until(
+        "globalThis.imud.view._recorder.raw.length > 20"
+        " && globalThis.imud.view._recorder.pose.length > 25"
+    )
     shown.page.get_by_role("button", name="Pause").click()
     rows = [
         *csv.DictReader(io.StringIO(shown.page.evaluate("globalThis.imud.view.csv")))

@@ -181,7 +181,7 @@ def test_what_can_not_be_read_is_told_in_a_line(
         f"can't read {file}: No such file or directory"
     )
     assert error_of(capsys, "read", tmp_path) == (
-        f"can't read {tmp_path}: Is a directory"
+        f"can't read {tmp_path}: Is a directory; name a file that is in it"
     )
     for data in (b"", b"a letter", bytes(4096), b"\x55\xaa" * 4096):
         file.write_bytes(data)

@@ -237,8 +237,14 @@ def test_a_probe_that_went_to_another_daemon_is_left_to_it(chain: Chain) -> None
     chain.port.vanish()
     daemon.expect("disappeared")
     until(lambda: client.alive() == [])
-    client.session.put(f"imud/{PROBE}/status", b'{"state":"streaming"}')
-    daemon.expect(f"network: probe {PROBE} is now at another imud")
+    # A daemon that has just noticed may not listen yet.
+    told = f"network: probe {PROBE} is now at another imud"
+    until(
+        lambda: (
+            client.session.put(f"imud/{PROBE}/status", b'{"state":"streaming"}')
+            or any(told in line for line in daemon.seen())
+        )
+    )
     until(lambda: client.statuses() == [])
     chain.port = Port(chain.port.path)
     chain.port.wait_open()
