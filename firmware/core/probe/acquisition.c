@@ -369,6 +369,7 @@ static void fail(struct acquisition *acquisition, enum outcome outcome,
 bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
     struct sample sample;
     enum outcome outcome;
+    bool worked = false;
     const uint32_t elapsed_us = now_us - acquisition->since_us;
     if (acquisition->phase == ACQUISITION_WAITING) {
         if (elapsed_us >= RETRY_US) {
@@ -395,14 +396,13 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
             acquisition->failed = 0;
             outcome = OUTCOME_SILENT;
         }
-    }
-    bool worked = false;
-    if (outcome == OUTCOME_OK) {
-        // cppcheck-suppress uninitStructMember  ; parse fills it where there is a
-        // sample
-        outcome = check(acquisition, sample.time_us, now_us);
-        probe_sample(acquisition->probe, &sample);
-        worked = true;
+        if (outcome == OUTCOME_OK) {
+            // cppcheck-suppress uninitStructMember  ; parse fills it where there is a
+            // sample
+            outcome = check(acquisition, sample.time_us, now_us);
+            probe_sample(acquisition->probe, &sample);
+            worked = true;
+        }
     }
     if (outcome < OUTCOME_OK) {
         fail(acquisition, outcome, now_us);
