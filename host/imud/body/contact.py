@@ -40,7 +40,7 @@ STEP_S = 0.3
 SURE, SURE_S, SURELY_S, FIRST_S = 1.0, 0.15, 0.5, 0.4
 STILL_S = 1.0  # of it show the bias of the rates
 GAP_S = 0.1  # without samples, after which the place is unknown
-TURNS_RAD_S = math.radians(0.05)  # a heading drifts by so much while it is carried on
+TURNS_RAD_S = math.radians(0.2)  # a heading drifts by so much while it is carried on
 MISSED_S = 1.2  # without a rest, and one was missed by who ever runs
 LONG_S = 3.0  # without a rest its place is hardly known
 # A push on a standing foot also moves it: m/s for a root of an energy.
@@ -331,17 +331,22 @@ class _Path:
 
 def faced(track: Track) -> Track:
     """With the best early heading in all rows before it: until a compass has settled, a
-    filter's own heading is arbitrary or poor.
+    filter's own heading is arbitrary or poor. How it turned in a gap is not known.
     """
     away_s = track.times_s - track.times_s[0]
     worth = track.heading_sigma**2 + (TURNS_RAD_S * away_s) ** 2
-    if not np.isfinite(worth).any():
+    known = np.flatnonzero(np.isfinite(worth))
+    if not known.size:
         return track
-    first = int(np.nanargmin(worth))
-    rate_hz = 1.0 / float(np.median(np.diff(track.times_s)))
-    turns = level.strapdown(np.nan_to_num(track.gyr[: first + 1]), rate_hz)
+    steps_s = np.diff(track.times_s)
+    gaps = 1 + np.flatnonzero(steps_s > GAP_S)
+    begin = int(max([0, *gaps[gaps <= known[0]]]))
+    end = int(min([len(worth), *gaps[gaps > known[0]]]))
+    first = begin + int(np.nanargmin(worth[begin:end]))
+    rate_hz = 1.0 / float(np.median(steps_s))
+    turns = level.strapdown(np.nan_to_num(track.gyr[begin : first + 1]), rate_hz)
     back = rotation.multiply(track.quat[first], rotation.inverse(turns[-1]))
     quat, sigma = track.quat.copy(), track.heading_sigma.copy()
-    quat[:first] = rotation.multiply(back, turns[:-1])
-    sigma[:first] = sigma[first]
+    quat[begin:first] = rotation.multiply(back, turns[:-1])
+    sigma[begin:first] = sigma[first]
     return replace(track, quat=quat, heading_sigma=sigma)
