@@ -19,6 +19,9 @@ SOON = timedelta(days=30)
 
 PATIENCE_S = 2.0
 
+# What a client does about its own certificate.
+ANEW = "get another key file from who runs that imud (imud keys add)"
+
 # By the codes of OpenSSL (X509_V_ERR_ in x509_vfy.h): dates; host name, address.
 _RENEW = (
     "on its machine run imud keys renew DIR and reload imud, unless {clock} is wrong"
@@ -33,9 +36,12 @@ def _clock() -> str:
 
 def trouble(pem: bytes, whose: str, remedy: str, ahead: timedelta = SOON) -> str:
     """Why a certificate does not hold now and that time ahead; empty: it does.
-    ValueError if it is none.
+    ConfigError if it is none.
     """
-    held = x509.load_pem_x509_certificate(pem)
+    try:
+        held = x509.load_pem_x509_certificate(pem)
+    except ValueError as error:
+        raise ConfigError(f"{whose} can't be read: {error}; {remedy}") from error
     since, until = held.not_valid_before_utc, held.not_valid_after_utc
     now = datetime.now(UTC)
     if since <= now < until - ahead:
@@ -68,7 +74,8 @@ def check_pair(certificate: Path, key: Path) -> None:
 
 def why_refused(endpoint: str, ca: str, own: str) -> str:
     """Why no session began at a TLS endpoint, where Zenoh says only that none did: the
-    client's own certificate, or the daemon's. Empty: neither.
+    client's own certificate, or the daemon's. Empty: neither. ConfigError if its own is
+    none.
     """
     address = host_and_port(endpoint.partition("/")[2])
     if address is None or link_of(endpoint) != "tls":
@@ -89,9 +96,5 @@ def why_refused(endpoint: str, ca: str, own: str) -> str:
         )
     except OSError:
         return ""
-    anew = "get another key file from who runs that imud (imud keys add)"
-    whose = "the certificate in your key file"
-    try:
-        return trouble(own.encode(), whose, anew, ahead=timedelta(0))
-    except ValueError:
-        return f"{whose} can't be read: {anew}"
+    mine = "the certificate in your key file"
+    return trouble(own.encode(), mine, ANEW, ahead=timedelta(0))

@@ -131,8 +131,9 @@ def read_keys(config: Config) -> Keys:
         path = Path(settings.credentials)
         mine = read_credentials(path)
         contents.append(msgspec.json.encode(mine))
-        anew = "get another file from who runs that imud (imud keys add)"
-        _warn(mine.certificate.encode(), f"the certificate in {path}", anew)
+        _warn(
+            mine.certificate.encode(), f"the certificate in {path}", certificates.ANEW
+        )
     if config.ros2.enabled:
         of_ros2 = own_credentials(settings, is_abroad=bool(config.ros2.connect))
     digest = hashlib.sha256(b"\0".join(contents)).digest() if contents else b""
@@ -150,11 +151,7 @@ def _read(folder: Path, name: str) -> bytes:
 
 
 def _warn(pem: bytes, whose: str, remedy: str) -> None:
-    try:
-        fault = certificates.trouble(pem, whose, remedy)
-    except ValueError as error:
-        raise ConfigError(f"{whose} can't be read: {error}; {remedy}") from error
-    if fault:
+    if fault := certificates.trouble(pem, whose, remedy):
         logger.warning("network: %s", fault)
 
 

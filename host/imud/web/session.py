@@ -238,19 +238,17 @@ class BrowserSession:
         return logs.read(name, offset)
 
     def _begin_export(self, request: Export) -> None:
+        logs = self._context.logs
         is_busy = self._exporting is not None and not self._exporting.done()
-        if not self._has_logs():
+        if logs is None or not self._has_logs():
             self._refuse(request.id, "role", NO_LOGS)
         elif is_busy or self._context.players.is_full:
             self._refuse(request.id, "busy", "tables are being made; try again later")
         else:
-            self._exporting = self._loop.create_task(self._export(request))
+            self._exporting = self._loop.create_task(self._export(request, logs))
 
-    async def _export(self, request: Export) -> None:
-        logs = self._context.logs
+    async def _export(self, request: Export, logs: LogFolder) -> None:
         try:
-            if logs is None:
-                raise FileNotFoundError(NO_LOGS)
             path = await asyncio.to_thread(logs.path, request.name)
             if self._tables is not None:
                 self._tables.remove()
