@@ -38,8 +38,9 @@ os.execvp("unshare", [*{unshare!r}, "sh", "-c", mount, {logs!r}, *own])
 
 Record = Callable[[str, object], None]
 
-# What the daemon says of a probe, which is no message of the probe's.
-OURS = ("status", "params", "log")
+# What the daemon says of a probe, which is no message of the probe's; that it stood
+# still itself, beside other programs, among them.
+OURS = ("status", "params", "log", "clock")
 
 CONFIG = """
 [zenoh]
