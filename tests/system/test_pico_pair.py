@@ -5,6 +5,8 @@ it finds the pair by itself, with a data-ready wire and, on a Qwiic cable, witho
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -42,23 +44,25 @@ def pico(tmp_path: Path) -> Stub:
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
-    """The same seconds in a hand, with a data-ready wire and without."""
-    found = {}
-    for ready in ("wire", "none"):
+def run_with(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Run]:
+    """The same seconds in a hand, with a data-ready wire or without ("none")."""
+
+    @functools.cache
+    def run_with(ready: str) -> Run:
         folder = tmp_path_factory.mktemp(ready)
         stub = Stub(PAIRED, SIMULATOR, IMAGE, folder)
         words = ("--motion", write_hand(folder / "hand", SECONDS), *CLICK)
         words += (*stub.raw_too, *PAIR, "--ready", ready)
-        found[ready] = run(stub, SECONDS, *words)
-    return found
+        return run(stub, SECONDS, *words)
+
+    return run_with
 
 
 @pytest.mark.parametrize("ready", ["wire", "none"])
 def test_the_pair_is_found_and_its_poses_are_the_hosts(
-    runs: dict[str, Run], ready: str
+    run_with: Callable[[str], Run], ready: str
 ) -> None:
-    done = runs[ready]
+    done = run_with(ready)
     hello = done.named("hello")[-1].fields
     assert hello["sensor"] == "lsm6dsox"
     assert list(hello["who_am_i"]) == [0x6C, 0x3D]
@@ -76,10 +80,10 @@ def test_the_pair_is_found_and_its_poses_are_the_hosts(
 
 
 def test_without_a_wire_times_are_those_of_the_edges_and_poses_as_good(
-    runs: dict[str, Run],
+    run_with: Callable[[str], Run],
 ) -> None:
     hand = sensors.generate(SECONDS, seed=3)
-    wired, polled = runs["wire"], runs["none"]
+    wired, polled = run_with("wire"), run_with("none")
     # The sensor's clock is the same in both.
     edges_us, times_us = (
         np.array([raw.time_us for raw in done.named("raw")]) for done in (wired, polled)
