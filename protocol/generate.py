@@ -24,6 +24,7 @@ C_RECORDS = Path("firmware/core/params/records.h")
 PYTHON = Path("host/imud/wire/schema.py")
 MICROPYTHON = Path("firmware/micropython/probe/wire.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
+KEPT = Path("host/imud/wire/schemas")  # every schema that a probe or a log may have
 
 DIFF_LINES = 20  # shown of a stale file
 
@@ -36,6 +37,7 @@ def outputs(schema: Schema) -> dict[Path, str]:
         C_SOURCE: c_code.source(schema),
         C_RECORDS: c_code.records_header(schema),
         PYTHON: python_code.module(schema),
+        KEPT / f"{schema.fingerprint:08x}.txt": schema.canonical,
         MICROPYTHON: micropython_code.module(schema),
         DOCUMENT: tables.document(schema, document),
     }

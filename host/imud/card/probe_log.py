@@ -18,6 +18,7 @@ from imud.card.fat import SECTOR
 from imud.errors import FileError
 from imud.progress import Progress
 from imud.wire.frame import FrameDecoder
+from imud.wire.kept import fingerprints
 
 MAGIC = b"IMUPROBE"
 VERSION = 1
@@ -147,7 +148,8 @@ class CardLog:
                 content = blocks[:, _BLOCK.size : _CRC_AT].tobytes()
                 if first == run.start and begun:
                     end = content.find(0) + 1
-                    if not FrameDecoder().feed(begun + content[:end]):
+                    frame = begun + content[:end]
+                    if not any(FrameDecoder(f).feed(frame) for f in fingerprints()):
                         yield b"\0"
                 yield content
                 begun = content[content.rfind(0) + 1 :]

@@ -11,7 +11,7 @@ import numpy as np
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, graded, skipped
-from imud.wire import schema
+from imud.wire import kept, schema
 
 # In so short a time the delay of a few messages looks like a wrong clock.
 CLOCK_MIN_S = 4.0
@@ -183,6 +183,9 @@ def _firmware(evidence: Evidence) -> Row:
     measured = f"{hello['board']}, {hello['firmware']}, schema {theirs:08x}"
     if theirs == schema.FINGERPRINT:
         return Row("firmware", measured, normal, RowVerdict.GOOD)
+    if kept.find(theirs) is not None:
+        advice = "older firmware, which imud reads: update it with imud flash"
+        return Row("firmware", measured, normal, RowVerdict.LOOK, advice)
     advice = "firmware and imud have different schemas: flash the matching image"
     return Row("firmware", measured, normal, RowVerdict.FAULT, advice)
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from imud.commands import COMMANDS, STREAMS, Argument, Handler
 from imud.config.settings import ProbeSettings
-from imud.daemon.registry import ProbeEntry, ProbePort, Registry
+from imud.daemon.registry import ProbeEntry, Registry
 from imud.errors import (
     CommandRefused,
     DeviceError,
@@ -27,7 +27,7 @@ from imud.errors import (
 from imud.probes.record import Stamp, plain
 from imud.probes.session import Received
 from imud.probes.timeline import host_ns
-from imud.wire import messages
+from imud.wire import kept, messages
 from imud.wire.frame import encode_frame
 from imud.wire.messages import Message, Value
 
@@ -248,8 +248,8 @@ class Commander:
             del asking.asked[next(iter(asking.asked))]
         asking.put_off(now_s)
         # The link tells itself what is wrong with its port.
-        with contextlib.suppress(PortLost):
-            asking.size = self._send(entry.port, "time", token, (0, 0))
+        with contextlib.suppress(PortLost, CommandRefused):
+            asking.size = self._send(entry, "time", token, (0, 0))
 
     def handle_reply(self, entry: ProbeEntry, event: Received) -> None:
         """Gives a reply to the command that waits for its token. Of a request for the
@@ -276,12 +276,8 @@ class Commander:
         self._replies[token] = reply
         try:
             for _ in range(TRIES):
-                if entry.port is None:
-                    raise ProbeUnknown(
-                        f"probe {entry.name} is disconnected; plug it in"
-                    )
                 try:
-                    self._send(entry.port, command, token, arguments)
+                    self._send(entry, command, token, arguments)
                 except PortLost as error:
                     raise DeviceError(str(error)) from error
                 except ValueError as error:
@@ -297,16 +293,21 @@ class Commander:
         )
 
     def _send(
-        self, port: ProbePort, name: str, token: int, arguments: tuple[int, int]
+        self, entry: ProbeEntry, name: str, token: int, arguments: tuple[int, int]
     ) -> int:
         """Returns how many bytes it wrote."""
+        if entry.port is None:
+            raise ProbeUnknown(f"probe {entry.name} is disconnected; plug it in")
         fields = {"command": name, "token": token, "arguments": arguments}
         self._sequence += 1
         time_us = time.monotonic_ns() // 1000
         content = messages.encode("command", fields, self._sequence, time_us)
+        speaks = kept.find(entry.probe.hello.get("schema_fingerprint")) or kept.OURS
+        if not speaks.takes(content):
+            raise CommandRefused(f"{entry.name} has old firmware; run imud flash")
         # A delimiter first, to end a partial frame that the probe may hold.
-        data = b"\0" + encode_frame(content)
-        port.write(data)
+        data = b"\0" + encode_frame(content, speaks)
+        entry.port.write(data)
         return len(data)
 
     def _next_token(self) -> int:

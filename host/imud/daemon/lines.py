@@ -16,6 +16,7 @@ from imud.probes.sensors import SensorFinding
 from imud.probes.session import OtherSchema, ProbeFound, Rejected
 from imud.probes.withheld import withheld_of
 from imud.stages import LogLine, Stage
+from imud.wire import schema
 from imud.wire.messages import Message
 
 LOSSES = ("lost", "corrupt", "duplicated", "dropped by a slow or failed sink")
@@ -38,6 +39,13 @@ class ProbeLines:
             f"probe {entry.name} {what} on {port.name}: {entry.described}",
             is_warning=event.is_restart,
         )
+        if event.hello.fields["schema_fingerprint"] != schema.FINGERPRINT:
+            self._journal.write(
+                ("outdated", event.probe_id),
+                f"probe {entry.name} has older firmware (its own schema is read): "
+                f"update it with imud flash {port.name}",
+                is_warning=True,
+            )
 
     def described(self, entry: ProbeEntry, hello: Message) -> None:
         """Reports the description of the probe in a hello, if it differs from the last

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,6 +22,8 @@ from imud.log.chunk import NAME_MAX
 from imud.log.parts import Damage, RecordGroup, channels_of, parts_of
 from imud.log.writer import MAGIC
 from imud.machine import system
+from imud.wire import kept
+from imud.wire.kept import KeptSchema
 
 # The content of a frame: id, sequence, time and tagged fields, see PROTOCOL.md.
 FRAME_ENCODING = "x-imud-frame"
@@ -67,6 +69,7 @@ class Reader:
         for each in known:
             if isinstance(each, Channel):
                 self._know(each)
+        self._written_in: KeptSchema | None = None
         self.count = 0
         self.unknown = 0  # messages whose channel was in a damaged part
 
@@ -85,17 +88,27 @@ class Reader:
                 yield Logged(
                     probe,
                     topic,
-                    record.data,
+                    self._in_ours(topic, record.data),
                     record.log_time,
                     record.publish_time,
                     prefix,
                 )
             elif isinstance(record, Metadata):
                 found = _parsed(record)
-                if isinstance(found, Logged) and not self._has_room(found.probe):
-                    continue
+                if isinstance(found, Logged):
+                    if not self._has_room(found.probe):
+                        continue
+                    content = self._in_ours(found.topic, found.data)
+                    found = replace(found, data=content)
+                elif found is not None:
+                    self._written_in = kept.find(found.fingerprint)
                 if found is not None:
                     yield found
+
+    def _in_ours(self, topic: str, data: bytes) -> bytes:
+        if self._written_in is None or topic not in ("frame", "hello"):
+            return data
+        return self._written_in.to_ours(data)
 
     def _know(self, channel: Channel) -> None:
         prefix, probe, topic = split(channel.topic)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from imud.defaults import PROBES_MAX
 from imud.probes.session import Probe
-from imud.wire import messages, schema
+from imud.wire import kept, messages
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message
 from imud.wire.params import ParamsParts
@@ -25,7 +25,7 @@ OTHERS = "others"
 
 @dataclass(frozen=True, slots=True)
 class FirstHello:
-    """The first hello of our schema, and the params that were told up to then."""
+    """The first hello of a kept schema, and the params that were told up to then."""
 
     hello: Message
     content: bytes
@@ -44,7 +44,7 @@ def first_hello(chunks: Iterable[bytes]) -> FirstHello | None:
                 continue
             if decoded.name == "params":
                 parts.add_part(decoded)
-            elif found is None and _is_ours(decoded):
+            elif found is None and _is_kept(decoded):
                 found = FirstHello(decoded, content, parts)
         if found is not None and parts.get(_digest(found.hello)) is not None:
             break
@@ -72,11 +72,9 @@ def probe_of(probes: dict[str, Probe], probe_id: str) -> Probe:
     return probes.setdefault(probe_id, Probe(probe_id))
 
 
-def _is_ours(decoded: Message) -> bool:
-    return (
-        decoded.name == "hello"
-        and decoded.fields["schema_fingerprint"] == schema.FINGERPRINT
-    )
+def _is_kept(decoded: Message) -> bool:
+    fingerprint = decoded.fields.get("schema_fingerprint")
+    return decoded.name == "hello" and kept.find(fingerprint) is not None
 
 
 def _digest(hello: Message) -> int:

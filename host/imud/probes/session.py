@@ -21,7 +21,7 @@ from imud.probes.probe import Probe as Probe  # of whom all events are
 from imud.probes.record import Stamp
 from imud.probes.scales import UNKNOWN, Scales
 from imud.probes.timeline import Timeline
-from imud.wire import messages, schema
+from imud.wire import kept, messages
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, Skew
 
@@ -99,16 +99,16 @@ Event = ProbeFound | Received | Rejected | OtherSchema | OnlyNoise | Silent
 class Speaking(Enum):
     """The probe on the port, as far as known from its hellos.
 
-                  a hello of our schema
+                  a hello of a kept schema
     UNNAMED ---------------------------------> OURS
        |                                       |  ^
-       |     a hello of another schema         v  |  a hello of our schema
+       |     a hello of another schema         v  |  a hello of a kept schema
        +------------------------------------> FOREIGN
     """
 
     UNNAMED = auto()  # no hello yet: messages wait for one
     OURS = auto()  # the session's `probe`
-    FOREIGN = auto()  # bad frames are those of a probe with another schema
+    FOREIGN = auto()  # bad frames are those of a probe with a schema that is not kept
 
 
 class Session:
@@ -128,7 +128,8 @@ class Session:
         self._find = probes
         self._timeline = Timeline() if timeline is None else timeline
         self.byte_ns = 0
-        self._decoder = FrameDecoder()
+        hello = presumed.hello if presumed is not None else {}
+        self._decoder = FrameDecoder(hello.get("schema_fingerprint"))
         self._has_delimiter = False
         self._waiting: deque[DecodedFrame] = deque()
         self._speaking = Speaking.UNNAMED if presumed is None else Speaking.OURS
@@ -262,7 +263,7 @@ class Session:
         if not isinstance(probe_id, bytes) or not isinstance(fingerprint, int):
             self.headless["impossible_value"] += 1
             return
-        if fingerprint != schema.FINGERPRINT:
+        if kept.find(fingerprint) is None:
             before, self._speaking = self._speaking, Speaking.FOREIGN
             if before is not Speaking.FOREIGN:
                 if before is Speaking.UNNAMED:

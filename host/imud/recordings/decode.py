@@ -36,7 +36,7 @@ from imud.recordings.damage import DamageCount
 from imud.recordings.foreign_log import log_of_foreign
 from imud.recordings.foreign_table import is_foreign
 from imud.recordings.source import chunks_of, local
-from imud.wire import messages, schema
+from imud.wire import kept, messages, schema
 from imud.wire.messages import Message, Value
 
 
@@ -205,7 +205,7 @@ def _same(probe: Probe, _: str) -> Probe:
 
 
 def _check_schema(path: Path, head: LogHead) -> None:
-    if head.fingerprint != schema.FINGERPRINT:
+    if kept.find(head.fingerprint) is None:
         raise FileError(
             f"{path} holds schema {head.fingerprint:#010x} (imud {head.version}), "
             f"this imud reads {schema.FINGERPRINT:#010x}: use the version that wrote "

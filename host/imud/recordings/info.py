@@ -27,7 +27,7 @@ from imud.probes.session import Probe, Session
 from imud.progress import Progress
 from imud.recordings.damage import DamageCount
 from imud.recordings.source import log_of
-from imud.wire import messages, schema
+from imud.wire import kept, messages
 from imud.wire.messages import Message
 from imud.wire.params import calibrated_by, digest_of
 
@@ -50,26 +50,26 @@ class ProbeInfo:
         self.digests: list[int] = []
         self.records: dict[int, bytes] = {0: b""}  # by digest
 
-    def add(self, item: Logged, damage: DamageCount, *, is_ours: bool) -> None:
-        """Counts a record of the log. A frame of ours goes into the ledger, and what is
-        missing there by damage into `damage`.
+    def add(self, item: Logged, damage: DamageCount, *, is_read: bool) -> None:
+        """Counts a record of the log. A readable frame goes into the ledger, and what
+        is missing there by damage into `damage`.
         """
         if item.topic in METADATA_OF_PROBES.values():
-            self._add_metadata(item, is_ours=is_ours)
+            self._add_metadata(item, is_read=is_read)
             return
         topic = item.topic
         self.counts[topic] += 1
         self.first_ns[topic] = min(item.t_ns, self.first_ns.get(topic, item.t_ns))
         self.last_ns[topic] = max(item.t_ns, self.last_ns.get(topic, item.t_ns))
-        if topic == "frame" and is_ours:
+        if topic == "frame" and is_read:
             with damage.heard(self.name, self.probe.account):
                 self.session.receive_content(item.data, item.t_ns)
 
-    def _add_metadata(self, item: Logged, *, is_ours: bool) -> None:
+    def _add_metadata(self, item: Logged, *, is_read: bool) -> None:
         if item.topic == "params_records":
             self.records[digest_of(item.data)] = item.data
             return
-        message = messages.decode(item.data) if is_ours else None
+        message = messages.decode(item.data) if is_read else None
         if isinstance(message, Message):
             self.hello = {name: plain(v) for name, v in message.fields.items()}
             digest = message.fields["params_digest"]
@@ -133,8 +133,8 @@ def info_of(path: Path) -> dict[str, Any]:
             else:
                 if item.probe not in probes:
                     probes[item.probe] = ProbeInfo(item.probe)
-                is_ours = head is None or head.fingerprint == schema.FINGERPRINT
-                probes[item.probe].add(item, damage, is_ours=is_ours)
+                is_read = head is None or kept.find(head.fingerprint) is not None
+                probes[item.probe].add(item, damage, is_read=is_read)
     finally:
         bar.end()
     begins = [t for each in probes.values() for t in each.first_ns.values()]

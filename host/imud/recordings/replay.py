@@ -22,8 +22,9 @@ from imud.net import network
 from imud.progress import Progress
 from imud.recordings.opening import Opening
 from imud.recordings.pty import PortGone, PtyPort
-from imud.wire import schema
+from imud.wire import kept
 from imud.wire.frame import encode_frame
+from imud.wire.kept import as_ours
 
 # What the metadata say, and topics of a log that `imud run` does not publish.
 METADATA = frozenset(METADATA_OF_PROBES.values())
@@ -66,7 +67,7 @@ class LogSet:
     paths: list[Path]
     probes: list[str]
     prefix: str  # of their keys
-    others: tuple[Path, ...] = ()  # logs with frames of another schema
+    others: tuple[Path, ...] = ()  # logs with frames of a schema that is not kept
 
 
 def log_set(paths: Sequence[Path], probe: str | None = None) -> LogSet:
@@ -78,10 +79,10 @@ def log_set(paths: Sequence[Path], probe: str | None = None) -> LogSet:
     others = []
     prefixes: dict[str, str] = {}
     for path in paths:
-        begin_ns, speakers, is_ours = _contents(path)
+        begin_ns, speakers, is_read = _contents(path)
         begins[path] = begin_ns
         prefixes |= speakers
-        if not is_ours:
+        if not is_read:
             others.append(path)
     where = ", ".join(map(str, paths))
     if not prefixes:
@@ -97,7 +98,7 @@ def log_set(paths: Sequence[Path], probe: str | None = None) -> LogSet:
 
 def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
     """A log's first time (ns), its probes with the prefix of their keys, and whether
-    its frames are of our schema.
+    its frames are of a kept schema.
     """
     size = size_of(path)
     known = [each for each in channels_of(path) if isinstance(each, Channel)]
@@ -105,12 +106,12 @@ def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
     speakers = {probe: prefix for prefix, probe, topic in parts if topic == "frame"}
     is_known = bool(speakers)
     begin_ns = None
-    is_ours = True
+    is_read = True
     bar = Progress("reading", size)
     try:
         for item in salvage(path, bar.update):
             if isinstance(item, LogHead):
-                is_ours = item.fingerprint == schema.FINGERPRINT
+                is_read = kept.find(item.fingerprint) is not None
             if not isinstance(item, Logged) or item.topic in NOT_PUBLISHED:
                 continue
             if begin_ns is None:
@@ -121,7 +122,7 @@ def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
                 speakers[item.probe] = item.prefix
     finally:
         bar.end()
-    return begin_ns or 0, speakers, is_ours
+    return begin_ns or 0, speakers, is_read
 
 
 class _Player:
@@ -211,8 +212,8 @@ def to_ports(what: LogSet, link: Path | None, speed: float | None) -> int:
                 opening = player.openings.pop(item.probe, None)
                 if opening is not None:
                     for content in opening.contents(item.data):
-                        ports[item.probe].write(encode_frame(content))
-                ports[item.probe].write(encode_frame(item.data))
+                        ports[item.probe].write(encode_frame(as_ours(content)))
+                ports[item.probe].write(encode_frame(as_ours(item.data)))
                 player.count += 1
             left = sum(each.drain() for each in ports.values())
             if left:

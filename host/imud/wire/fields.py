@@ -193,6 +193,13 @@ class FieldCodec:
         """The value at `offset`, behind the tag; Impossible if it is not allowed."""
         return self.parse(struct.unpack_from("<" + self.code, content, offset))
 
+    def blank(self) -> bytes:
+        """Not available, or zeros where the schema has no number for that."""
+        field = self._field
+        if field.null is None:
+            return bytes(self.size)
+        return struct.pack("<" + self.code, *[field.null] * field.count)
+
     def pack(self, value: object) -> bytes:
         """A value's bytes on the wire, without the tag; ValueError if it can't be."""
         field = self._field

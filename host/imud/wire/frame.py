@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 from imud import _core
-from imud.wire import schema
-
-HELLO_ID = next(message.id for message in schema.MESSAGES if message.name == "hello")
+from imud.wire import kept, schema
+from imud.wire.kept import KeptSchema
+from imud.wire.messages import HELLO_ID as HELLO_ID
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,26 +30,60 @@ class FrameStats:
 
 
 class FrameDecoder:
-    """Turns received bytes into the content of frames, in chunks of any size."""
+    """Turns received bytes into the content of frames, in chunks of any size.
 
-    def __init__(self) -> None:
-        self._decoder = _core.FrameDecoder(schema.SEED, HELLO_ID)
+    Follows the hellos to the schema of the probe that speaks, where it is a kept one.
+    Contents are of our schema.
+    """
+
+    def __init__(self, fingerprint: object = schema.FINGERPRINT) -> None:
+        self._before = Counter[str]()  # of the schemas before
+        self._begin(kept.find(fingerprint) or kept.OURS)
+
+    def _begin(self, speaks: KeptSchema) -> None:
+        self.speaks = speaks
+        self._decoder = _core.FrameDecoder(speaks.seed, HELLO_ID)
 
     def feed(self, data: bytes) -> list[bytes]:
         """The content of each good frame that these bytes complete, without its CRC."""
-        return self._decoder.feed(data)
+        before = self._counts()
+        contents = self._decoder.feed(data)
+        for content in contents:
+            if content[0] == HELLO_ID:
+                speaks = kept.find(kept.fingerprint_of(content))
+                if speaks is not None and speaks is not self.speaks:
+                    self._before = before
+                    self._begin(speaks)
+                    contents = self._again(content, data)
+                    break
+        if self.speaks is kept.OURS:
+            return contents
+        return [self.speaks.to_ours(content) for content in contents]
+
+    def _again(self, hello: bytes, data: bytes) -> list[bytes]:
+        """The contents in a chunk that holds a hello of the schema, or its end."""
+        if encode_frame(hello) in data:
+            return self._decoder.feed(data)
+        self._before["ok"] += 1
+        return [hello, *self._decoder.feed(data[data.find(0) + 1 :])]
 
     @property
     def bad(self) -> int:
         """The number of bad frames of all kinds."""
-        return self._decoder.bad()
+        return self._before.total() - self._before["ok"] + self._decoder.bad()
 
     @property
     def stats(self) -> FrameStats:
-        return FrameStats(**self._decoder.stats())
+        return FrameStats(**self._counts())
+
+    def _counts(self) -> Counter[str]:
+        return self._before + Counter(self._decoder.stats())
 
 
-def encode_frame(content: bytes) -> bytes:
-    """The frame of a message's content, with the delimiter at its end."""
-    is_hello = content[:1] == bytes([HELLO_ID])
-    return _core.encode_frame(schema.HELLO_SEED if is_hello else schema.SEED, content)
+def encode_frame(content: bytes, speaks: KeptSchema | None = None) -> bytes:
+    """The frame of a message's content, with the delimiter at its end; for a reader of
+    our schema or that one.
+    """
+    if content[:1] == bytes([HELLO_ID]):
+        return _core.encode_frame(schema.HELLO_SEED, content)
+    return _core.encode_frame(speaks.seed if speaks else schema.SEED, content)

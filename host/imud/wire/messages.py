@@ -60,7 +60,7 @@ class Skew(msgspec.Struct, frozen=True):
     time_us: int | None
 
 
-class _Codec:
+class Codec:
     """Converts one message of the schema."""
 
     def __init__(self, message: schema.MessageType) -> None:
@@ -143,15 +143,15 @@ FROM_HOST = frozenset(
     message.name for message in schema.MESSAGES if message.direction != "probe"
 )
 
-_CODECS = [_Codec(message) for message in schema.MESSAGES]
-_BY_ID = {codec.id: codec for codec in _CODECS}
-_BY_NAME = {codec.name: codec for codec in _CODECS}
+CODECS = {message.id: Codec(message) for message in schema.MESSAGES}
+_BY_NAME = {codec.name: codec for codec in CODECS.values()}
 _HELLO = _BY_NAME["hello"]
+HELLO_ID = _HELLO.id
 
 
 def decode(content: bytes) -> Message | Skew:
     """Content that passed its CRC, as a Message, or as a Skew if it can't be used."""
-    codec = _BY_ID.get(content[0]) if content else None
+    codec = CODECS.get(content[0]) if content else None
     message = codec.read(content) if codec is not None else None
     return message if message is not None else _examine(content)
 
@@ -162,7 +162,7 @@ def _examine(content: bytes) -> Message | Skew:
         detail = f"{len(content)} bytes are shorter than a header"
         return Skew("wrong_length", detail, None, None)
     ident, sequence, time_us = _HEADER.unpack_from(content)
-    codec = _BY_ID.get(ident)
+    codec = CODECS.get(ident)
     if codec is None:
         detail = f"no message has the id {ident:#04x}"
         return Skew("unknown_message", detail, sequence, time_us)
@@ -193,7 +193,7 @@ def _fingerprint(content: bytes) -> int | None:
     return int.from_bytes(content[place], "little")
 
 
-def _is_other_hello(codec: _Codec, content: bytes, count: int, kind: SkewKind) -> bool:
+def _is_other_hello(codec: Codec, content: bytes, count: int, kind: SkewKind) -> bool:
     """Whether a hello that does not match is one of an older or a later schema.
 
     Hellos only grow at their end: an older one stops early, a later one continues with

@@ -318,8 +318,8 @@ def test_a_log_of_another_schema_is_not_given_out_as_of_this_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The seed of a frame's CRC would say that it is."""
-    path = write(tmp_path, records(3))
     monkeypatch.setattr(schema, "FINGERPRINT", schema.FINGERPRINT ^ 1)
+    path = write(tmp_path, records(3))
     assert cli.main(["replay", str(path)]) == 1
     assert "has another schema than this imud" in capsys.readouterr().err
 
