@@ -53,6 +53,7 @@ class Served:
         origins: Collection[str] = (),
         ports: PortControl | None = None,
         firmware: tuple[Firmware, ...] | None = None,
+        virtual: tuple[str, ...] = (),
     ) -> None:
         self.asked = Asked()
         self.notices: list[str] = []
@@ -63,6 +64,7 @@ class Served:
             logs=logs,
             ports=ports,
             firmware=firmware,
+            virtual=virtual,
             origins=origins,
             on_notice=lambda _, text, __: self.notices.append(text),
         )

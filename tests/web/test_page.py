@@ -59,13 +59,15 @@ def test_picture_and_numbers_are_the_daemons_through_every_turn(
 
 
 def test_buttons_command_the_probe_and_show_the_result(shown: Seen, desk: Desk) -> None:
-    for name, command in (("Start", "start"), ("Stop", "stop"), ("Set origin", "tare")):
-        shown.page.get_by_role("button", name=name, exact=True).click()
+    buttons = shown.page.locator(".controls").get_by_role
+    for name, command in (("Stop", "stop"), ("Start", "start"), ("Set origin", "tare")):
+        buttons("button", name=name, exact=True).click()
         shown.page.get_by_text(f"{name}: done").wait_for()
         assert desk.probe.commands[-1]["command"] == command
-    desk.probe.results["start"] = "busy"
-    shown.page.get_by_role("button", name="Start", exact=True).click()
-    shown.page.get_by_text("refused start").wait_for()
+        desk.hand.state = "idle" if name == "Stop" else "streaming"
+    desk.probe.results["stop"] = "busy"
+    buttons("button", name="Stop", exact=True).click()
+    shown.page.get_by_text("refused stop").wait_for()
     desk.probe.results.clear()
 
 
@@ -256,7 +258,7 @@ def test_a_log_is_played_as_if_it_were_live(shown: Seen, desk: Desk) -> None:
     until(lambda: state["number"] in desk.poses)
     assert state["q"] == desk.poses[state["number"]]["q"]
     assert state["number"] < max(desk.poses)
-    assert page.get_by_role("button", name="Start", exact=True).is_disabled()
+    assert page.get_by_role("button", name="Set origin", exact=True).is_disabled()
     slider = page.locator("[aria-label='Time of the log']")
     slider.focus()
     page.keyboard.press("k")
@@ -300,8 +302,8 @@ def test_everything_can_be_done_by_keyboard(shown: Seen, desk: Desk) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("dialog[open]", state="detached")
     page.evaluate("document.activeElement.blur()")
-    wanted = {"Signals", "Start", "Stop", "Set origin", "Undo"}
-    for _ in range(25):
+    wanted = {"Signals", "Stop", "Set origin", "Undo"}
+    for _ in range(35):
         page.keyboard.press("Tab")
         wanted.discard(page.evaluate("document.activeElement.textContent"))
         if not wanted:

@@ -31,6 +31,7 @@ from imud.sinks.openigtlink import OpenIgtLinkSink
 from imud.sinks.page import PageSink
 from imud.sinks.ros2 import Ros2Sink, own_network
 from imud.sinks.zenoh import OnNotice, ZenohSink
+from imud.virtual import sim
 from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import KeyUsers, Users
@@ -172,6 +173,9 @@ class Outputs:
             users = KeyUsers(keys.roles, keys.passwords)
         # Once, and not with each try at a port that is taken.
         offered = offered_firmware()
+        # Where browsers log in, a virtual hand can't.
+        page = f"http://{config.web.listen}" if users is None and address[1] else None
+        virtual = sim.offered(page) if config.ports.find else ()
         # Where only probes are renamed, browsers keep their connection.
         before = self._page_sink if self._made_of.get(PAGE) == settings else None
         self._page_sink = PageSink(
@@ -182,6 +186,7 @@ class Outputs:
                 logs=logs,
                 ports=LocalPorts(config.ports),
                 firmware=offered,
+                virtual=virtual,
                 origins=origins,
                 on_notice=self._on_notice,
             ),

@@ -23,7 +23,7 @@ from typing import IO, TYPE_CHECKING
 from imud.errors import FileError
 from imud.machine import system
 from imud.progress import Progress
-from imud.virtual.boards import BOARDS, VirtualBoard
+from imud.virtual.boards import BOARDS, NANO, VirtualBoard
 
 if TYPE_CHECKING:
     from imud.virtual.motion import Motion
@@ -60,6 +60,19 @@ def running_links() -> Iterator[Path]:
                 with link.with_name(f"{link.name}.lock").open() as lock:
                     if not system.try_lock(lock):
                         yield link
+
+
+def offered(page: str | None) -> tuple[str, ...]:
+    """The module and arguments of a virtual Nano as bought; empty where it can't run.
+    `page`: what a hand does that it asks for; None: the hand does as it likes.
+    """
+    try:
+        NANO.find_simulator()
+        NANO.find_image()
+    except FileError:
+        return ()
+    hand = ("--hand", "follow", "--page", page) if page else ()
+    return ("imud", "sim", NANO.name, "--stream", "--module", "shop", *hand)
 
 
 @contextlib.contextmanager

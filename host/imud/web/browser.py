@@ -50,6 +50,7 @@ class Browser:
         """
         self._ids = ids
         self._window = window
+        self.is_program = window is None
         self._reads: frozenset[str] = frozenset()
         self._every: frozenset[Key] = frozenset()
         self._probe = ""  # that is looked at; empty: all are

@@ -109,6 +109,13 @@ class Adopt(_Message, frozen=True):
     ours: bool
 
 
+class Virtual(_Message, frozen=True):
+    """Starts the virtual probe, or ends it."""
+
+    id: int
+    on: bool
+
+
 class Play(_Message, frozen=True):
     """Plays a log at this multiple of real time, from its beginning; of the one that
     is played, another speed. 0: stands still.
@@ -142,6 +149,7 @@ BrowserMessage = (
     | Export
     | Ports
     | Adopt
+    | Virtual
     | Play
     | Seek
     | GoLive

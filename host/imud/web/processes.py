@@ -27,18 +27,23 @@ async def start(module: str, *arguments: str, stderr: int | None = None) -> Proc
     )
 
 
-def kill(process: Process) -> None:
+KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
+
+
+def kill(process: Process, number: int = KILL) -> None:
     """Ends it at once; its output then ends as well."""
     if process.returncode is None:
         # Its own kill() would take its exit code from asyncio, which complains.
         with contextlib.suppress(ProcessLookupError):
-            os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+            os.kill(process.pid, number)
 
 
-async def end(process: Process | None) -> None:
-    """Ends it, and closes what leads to it, also if that is cancelled meanwhile."""
+async def end(process: Process | None, number: int = KILL) -> None:
+    """Ends it by that signal, and closes what leads to it, also if that is cancelled
+    meanwhile.
+    """
     if process is not None:
-        kill(process)
+        kill(process, number)
         ending = asyncio.create_task(process.communicate())
         while not ending.done():
             with contextlib.suppress(asyncio.CancelledError):

@@ -37,6 +37,7 @@ from imud.web.playing import Players
 from imud.web.session import BrowserSession, OnAsk, PortControl, SessionContext
 from imud.web.updater import Updates
 from imud.web.users import Everybody, Users
+from imud.web.virtual import VirtualProbe
 from imud.wire import schema
 
 MESSAGE_MAX = 16 * 1024  # bytes from a browser: a command with its parameters
@@ -73,10 +74,12 @@ class Page:
         logs: LogFolder | None = None,
         ports: PortControl | None = None,
         firmware: tuple[Firmware, ...] | None = None,
+        virtual: tuple[str, ...] = (),
         origins: Collection[str] = (),
         on_notice: OnNotice = lambda *_: None,
     ) -> None:
         """`firmware`: the images for the boards of this machine; None: of another.
+        `virtual`: the command of the virtual probe that is offered; empty: none is.
         `origins`: sites whose pages may open the stream, as https://example.org."""
         self._address = address
         self._origins = frozenset(origins)
@@ -89,9 +92,10 @@ class Page:
         if firmware is not None:
             told = partial(self._tell, UPDATE)
             self._updates = Updates(firmware, self._feed, self._ask, told)
+        self._virtual = VirtualProbe(virtual, self._describe)
         self._context = SessionContext(
             *(self._connections, self._feed, users, on_ask, page),
-            *(self._guides, Players(), self._has_room),
+            *(self._guides, Players(), self._has_room, self._virtual),
             *(logs, ports, self._updates),
         )
         self._on_ask = on_ask
@@ -171,9 +175,21 @@ class Page:
             logger=connections.quiet,
         ):
             yield
+            await self._virtual.end()
             await self._guides.close()
             if self._updates is not None:
                 await self._updates.close()
+
+    def _describe(self) -> None:
+        """What the browsers may do has changed."""
+        for session in self._sessions:
+            if session.is_admitted:
+                session.describe()
+
+    @property
+    def _is_seen(self) -> bool:
+        """Whether a browser is there, and no program alone."""
+        return any(not each.browser.is_program for each in self._sessions)
 
     def _tell(self, topic: str, probe: str, state: bytes) -> None:
         """How a calibration or an update does."""
@@ -260,6 +276,7 @@ class Page:
         )
         self._sessions.add(session)
         self._feed.is_watched = True
+        self._virtual.leave(is_watched=self._is_seen)
         writing = asyncio.create_task(browser.write(send))
         try:
             async with asyncio.timeout(connections.LOGIN_S) as limit:
@@ -289,3 +306,4 @@ class Page:
             await session.close()
             self._sessions.discard(session)
             self._feed.is_watched = bool(self._sessions)
+            self._virtual.leave(is_watched=self._is_seen)

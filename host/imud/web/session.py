@@ -32,6 +32,7 @@ from imud.web.messages import (
     Seek,
     Seen,
     Update,
+    Virtual,
     Watch,
     decode,
 )
@@ -39,6 +40,7 @@ from imud.web.playing import Players, Playing
 from imud.web.tables import Tables
 from imud.web.updater import UpdateError, Updates
 from imud.web.users import NOTHING, Grant, Users
+from imud.web.virtual import VirtualProbe
 
 # Answers a command: JSON and no error, or an error.
 Answer = Callable[[bytes, str], None]
@@ -50,6 +52,7 @@ NO_COMMANDS = "your role may not send commands"
 NO_LOGS = "your role may not read logs"
 NO_UPDATES = "your role may not update firmware"
 NO_PORTS = "your role may not change ports"
+NO_VIRTUAL = "your role may not start a virtual probe"
 ASKS_MAX = 8  # commands of one browser that are not yet answered
 LOGINS_MAX = 3
 LOGIN_PAUSE_S = 0.5  # after a wrong password
@@ -74,6 +77,7 @@ class SessionContext(msgspec.Struct, frozen=True):
     guides: Guides
     players: Players
     has_room: Callable[[], bool]  # for another user who has logged in
+    virtual: VirtualProbe
     logs: LogFolder | None = None  # None: there are none here
     ports: PortControl | None = None  # None: they are another machine's
     updates: Updates | None = None  # None: so are its boards
@@ -99,6 +103,7 @@ class BrowserSession:
         self._playing: Playing | None = None
         self._tables: Tables | None = None
         self._exporting: asyncio.Task[None] | None = None
+        self._starting: set[asyncio.Task[None]] = set()
         self.browser = browser
         self._user = ""
         self._number = number
@@ -110,6 +115,12 @@ class BrowserSession:
         self._grant = grant
         self.is_admitted = bool(grant.role)
         self.browser.grant(grant.reads)
+        self.describe()
+        self.browser.put(self._context.feed.last())
+
+    def describe(self) -> None:
+        """Tells the browser what it may do."""
+        grant = self._grant
         self.browser.say(
             {
                 **self._context.about,
@@ -120,10 +131,10 @@ class BrowserSession:
                 "logs": self._has_logs(),
                 "ports": self._has_ports(),
                 "firmware": self._offered(),
+                "virtual": self._context.virtual.standing if grant.commands else "",
                 "playing": self._playing.name if self._playing else None,
             }
         )
-        self.browser.put(self._context.feed.last())
 
     @property
     def _who(self) -> str:
@@ -156,6 +167,8 @@ class BrowserSession:
             await self._go_live()
         elif isinstance(request, Ports | Adopt):
             await self._tell_ports(request)
+        elif isinstance(request, Virtual):
+            self._begin_virtual(request)
         else:
             await self._tell_logs(request)
 
@@ -282,6 +295,19 @@ class BrowserSession:
             self._say_answer(request.id, b"", str(error))
         else:
             self._say_answer(request.id, msgspec.json.encode(value), "")
+
+    def _begin_virtual(self, request: Virtual) -> None:
+        if not self._grant.commands:
+            self._refuse(request.id, "role", NO_VIRTUAL)
+        else:
+            task = self._loop.create_task(self._set_virtual(request))
+            self._starting.add(task)
+            task.add_done_callback(self._starting.discard)
+
+    async def _set_virtual(self, request: Virtual) -> None:
+        virtual = self._context.virtual
+        why = await virtual.begin() if request.on else await virtual.end()
+        self._say_answer(request.id, b"true", why)
 
     async def _calibrate(self, request: Calibrate) -> None:
         if not (self._grant.commands and CALIBRATION in self._grant.reads):

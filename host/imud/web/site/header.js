@@ -93,9 +93,10 @@ export class Header {
       make("span", {}, "imud"),
     );
     const tools = make("div", { class: "tools" }, this._link, this._choice, theme, this.help);
+    this.lines = make("div", { class: "lines" }, this._banner, this.playbar.element);
     this.elements = [
       make("header", { class: "top" }, brand, this._tabs, tools),
-      make("div", { class: "lines" }, this._banner, this.playbar.element),
+      this.lines,
       toasts,
       this._login.element,
     ];

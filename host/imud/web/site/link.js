@@ -151,6 +151,11 @@ export class Link extends EventTarget {
     return this._request({ do: "adopt", port, ours });
   }
 
+  /** @param {boolean} on whether a virtual probe should run */
+  virtual(on) {
+    return this._request({ do: "virtual", on });
+  }
+
   /**
    * Plays a log instead of live data, at this multiple of real time; 0: paused.
    * @param {string} name

@@ -6,6 +6,7 @@ import { Alarm } from "./alarm.js";
 import { Link } from "./link.js";
 import { Model } from "./model.js";
 import { Header, tell } from "./header.js";
+import { Lead } from "./lead.js";
 import { Keys } from "./keys.js";
 import { make } from "./dom.js";
 import { failed } from "./failed.js";
@@ -53,6 +54,8 @@ class Page {
     this.alarm = new Alarm(this.model);
     this.main = make("main", { tabindex: "-1" });
     this.header = new Header(this.model, VIEWS, () => this.guarded(() => this.view?.recolour?.()));
+    this.lead = new Lead(this.model);
+    this.header.lines.append(this.lead.element);
     this.keys = new Keys(this.header, () => this.view?.keys ?? {});
     /** @type {View | null} */
     this.view = null;
@@ -162,6 +165,7 @@ class Page {
     this.link.watch([...wanted, ...more], hz, selected);
     this.header.draw(performance.now());
     this.alarm.listen(performance.now());
+    this.lead.draw(performance.now(), this.viewName);
     this.guarded(() => this.view?.draw(performance.now()));
     this.link.drawn();
   }

@@ -8,12 +8,46 @@ import { tell } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
 
+/**
+ * Sends commands to the selected probe one after the other, and shows their results.
+ * @param {Model} model
+ * @param {string} what
+ * @param {[string, Record<string, string>][]} commands
+ */
+export async function run(model, what, commands) {
+  const probe = model.selected;
+  if (!probe || !model.mayCommand) {
+    return;
+  }
+  try {
+    for (const [command, parameters] of commands) {
+      await model.link.ask(probe, command, parameters);
+    }
+    tell(`${what}: done`);
+  } catch (error) {
+    tell(`${what}: ${error instanceof Error ? error.message : error}`, true);
+  }
+}
+
+/**
+ * Sets the origin of the selected probe: "all" of it, or its "heading".
+ * @param {Model} model
+ * @param {string} what
+ */
+export async function setOrigin(model, what) {
+  if (model.probe?.pose?.flags.includes("starting")) {
+    tell("Set origin: wait until the probe has found level and north; an origin set now would be lost", true);
+    return;
+  }
+  await run(model, "Set origin", [["tare", { what }]]);
+}
+
 /** The card with the buttons. */
 export class Controls {
   /** @param {Model} model */
   constructor(model) {
     this._model = model;
-    this._start = this._button("Start", "start", {}, "primary");
+    this._start = this._button("Start", "start", {});
     this._stop = this._button("Stop", "stop", {});
     this._origin = make(
       "select",
@@ -100,10 +134,8 @@ export class Controls {
     say(this._why, isReadOnly ? `As a ${page.role} you can't send commands.` : "");
     this._why.hidden = !isReadOnly;
     const state = probe?.state(performance.now());
-    const isStreaming = state === "streaming";
-    mark(this._start, "class", isStreaming ? "" : "primary");
-    mark(this._start, "aria-pressed", String(isStreaming));
-    mark(this._stop, "aria-pressed", String(state === "idle"));
+    this._start.hidden = state === "streaming" || state === "calibrating";
+    this._stop.hidden = !this._start.hidden;
     const isLogged = probe?.status?.log?.state !== "off";
     say(this._log, isLogged ? "Stop its log" : "Start its log");
     const hello = probe?.status?.hello;
@@ -125,20 +157,15 @@ export class Controls {
    * @param {string} text
    * @param {string} command
    * @param {Record<string, string>} parameters
-   * @param {string} [kind]
    */
-  _button(text, command, parameters, kind = "") {
+  _button(text, command, parameters) {
     const what = command === "tare" ? "Undo origin" : text;
-    const run = () => this._run(what, [[command, parameters]]);
-    return make("button", { class: kind, "data-command": command, onclick: run }, text);
+    const onclick = () => run(this._model, what, [[command, parameters]]);
+    return make("button", { "data-command": command, onclick }, text);
   }
 
   _setOrigin() {
-    if (this._model.probe?.pose?.flags.includes("starting")) {
-      tell("Set origin: wait until the probe has found level and north; an origin set now would be lost", true);
-      return;
-    }
-    this._run("Set origin", [["tare", { what: this._origin.value }]]);
+    return setOrigin(this._model, this._origin.value);
   }
 
   _makeRename() {
@@ -156,13 +183,13 @@ export class Controls {
 
   /** The page follows the probe once it is heard by its new name. */
   _rename() {
-    this._run("Rename", [["configure", { rename: this._name.value.trim() }]]);
+    run(this._model, "Rename", [["configure", { rename: this._name.value.trim() }]]);
   }
 
   _setLog() {
     const isLogged = this._model.probe?.status?.log?.state !== "off";
     const log = isLogged ? "off" : "on";
-    this._run(isLogged ? "Stop its log" : "Start its log", [["configure", { log }]]);
+    run(this._model, isLogged ? "Stop its log" : "Start its log", [["configure", { log }]]);
   }
 
   _setRates() {
@@ -172,14 +199,14 @@ export class Controls {
       commands.push(["rate", { stream: "raw", hz: this._raw.value }]);
     }
     commands.push(["fields", { streams: this._sends.checked ? "pose,raw" : "pose" }]);
-    this._run("Rates", commands);
+    run(this._model, "Rates", commands);
   }
 
   _makeConfirm() {
     const dialog = make("dialog", { "aria-label": "Reset calibration" });
     const reset = () => {
       dialog.close();
-      this._run("Reset calibration", [["params", { records: "" }]]);
+      run(this._model, "Reset calibration", [["params", { records: "" }]]);
     };
     dialog.append(
       make("h1", {}, "Reset calibration?"),
@@ -197,25 +224,5 @@ export class Controls {
       ),
     );
     return dialog;
-  }
-
-  /**
-   * Sends commands one after the other, and shows their results.
-   * @param {string} what
-   * @param {[string, Record<string, string>][]} commands
-   * */
-  async _run(what, commands) {
-    const probe = this._model.selected;
-    if (!probe || !this._model.mayCommand) {
-      return;
-    }
-    try {
-      for (const [command, parameters] of commands) {
-        await this._model.link.ask(probe, command, parameters);
-      }
-      tell(`${what}: done`);
-    } catch (error) {
-      tell(`${what}: ${error instanceof Error ? error.message : error}`, true);
-    }
   }
 }

@@ -63,13 +63,6 @@ export class ProbeView {
     this._age = make("span", { class: "chip warn", "data-part": "age", hidden: true });
     this._flags = make("span", { class: "flags", "data-part": "flags" });
     this._concerns = make("span", { class: "flags", "data-part": "concerns" });
-    this._empty = make(
-      "p",
-      { class: "empty" },
-      "No probe yet. Plug one in and adopt its port under ",
-      make("a", { href: "#/probes" }, "Probes"),
-      ", or start a virtual one: imud sim nano --stream",
-    );
     this._legend = make("p", { class: "legend" }, LEGEND);
     this._numbers = new Numbers();
     this._controls = new Controls(model);
@@ -113,7 +106,6 @@ export class ProbeView {
           this._concerns,
         ),
         make("div", { class: "over bottom-left" }, this._body, camera, picture, this._legend),
-        this._empty,
       ),
       make("aside", { class: "side" }, this._numbers.element, this._controls.element, this._marks.element),
     );
@@ -138,7 +130,6 @@ export class ProbeView {
   /** @param {number} nowMs */
   draw(nowMs) {
     const probe = this._model.probe;
-    this._empty.hidden = this._model.probes.size > 0;
     this._controls.draw();
     this._marks.draw();
     if (probe !== undefined) {

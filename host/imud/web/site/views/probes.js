@@ -170,11 +170,10 @@ export class ProbesView {
     this._logs = new LogList(model);
     this._ports = new PortList(model);
     this._foot = make("p", { class: "muted small foot" });
-    this._empty = make("p", { class: "empty" }, "No probe yet.");
     this.element = make(
       "section",
       { class: "probes view" },
-      ...[this._empty, this._cards, this._ports.element, this._logs.element, this._foot],
+      ...[this._cards, this._ports.element, this._logs.element, this._foot],
     );
   }
 
@@ -189,7 +188,6 @@ export class ProbesView {
     const { names, page, link } = this._model;
     this._logs.draw(nowMs);
     this._ports.draw(nowMs);
-    this._empty.hidden = names.length > 0;
     for (const [name, row] of this._rows) {
       if (!names.includes(name)) {
         row.element.remove();
