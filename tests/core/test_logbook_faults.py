@@ -7,8 +7,9 @@ import random
 
 import pytest
 
-from core.fake_card import ACCEPTED, BAD_CRC, WRITE_ERROR
+from core.fake_card import ACCEPTED, BAD_CRC, WRITE_ERROR, ZEROS
 from core.log_desk import (
+    FRAME,
     LOST_US_MAX,
     SECOND,
     Log,
@@ -324,3 +325,68 @@ def test_a_cut_at_any_exchange_of_the_search_is_harmless(at):
     log.until("ready", 15 * SECOND)
     assert log.status.card_block == 30
     assert volume.content == before
+
+
+class Counterfeit(dict[int, bytes]):
+    """The memory of a card that says yes to all; it works up to block `end`."""
+
+    def __init__(self, kind: str, end: int, content: dict[int, bytes]) -> None:
+        super().__init__(content)
+        self.kind, self.end = kind, end
+        self.latest = (0, ZEROS)
+
+    def update(self, blocks: list[tuple[int, bytes]]) -> None:  # type: ignore[override]
+        for block, data in blocks:
+            if block < self.end:
+                self[block] = data
+            elif self.kind == "wraps":
+                self[block % self.end] = data
+            elif self.kind == "has one more":
+                self.latest = block, data
+            elif self.kind == "spoils bits":
+                self[block] = bytes([data[0], data[1] ^ 4, *data[2:]])
+            elif self.kind == "old":
+                self.setdefault(block, data)
+
+    def get(self, block: int, default: bytes = ZEROS) -> bytes:  # type: ignore[override]
+        if block >= self.end and self.kind == "wraps":
+            return super().get(block % self.end, default)
+        if self.kind == "has one more" and block == self.latest[0]:
+            return self.latest[1]
+        return super().get(block, default)
+
+
+@pytest.mark.parametrize("start", [1, 100])
+@pytest.mark.parametrize(
+    "kind", ["keeps nothing", "has one more", "spoils bits", "old", "wraps"]
+)
+def test_a_counterfeit_is_told_within_two_seconds_and_keeps_what_was_good(kind, start):
+    volume = Volume(1000)
+    log = opened(volume)
+    end = volume.file + start
+    for block in range(end, end + 300):  # of another life of this card
+        volume.content[block] = volume.good(block - volume.file, 9)
+    log.card.content = memory = Counterfeit(kind, end, volume.content)
+    while log.status.card_block < start:
+        log.log(10_000)
+    crossed_us = log.now_us
+    while log.state == "logging":
+        log.log(10_000)
+        assert log.now_us < crossed_us + 1.3 * SECOND
+    assert log.state == "failed"
+    assert ("log_ended", "worn", 1) in log.changes
+    assert log.changes[-1][:2] == ("card_fault", "worn")
+    volume.content = dict(memory)
+    kept = frames_of(read(volume).get(1, [])[: start - 1])
+    assert kept == log.kept[: len(kept)]
+    assert len(kept) >= (start - 1) * 496 // FRAME - 1
+
+
+def test_a_block_that_keeps_nothing_for_a_while_is_left_out_and_costs_nothing():
+    volume = Volume(1000)
+    log = opened(volume)
+    log.card.content = memory = Counterfeit("old", volume.file + 3, volume.content)
+    memory[volume.file + 3] = ZEROS
+    log.log(SECOND).close()
+    volume.content = dict(memory)
+    assert frames_of(read(volume)[1]) == log.kept

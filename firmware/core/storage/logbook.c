@@ -194,6 +194,9 @@ static void act_on_failure(struct logbook *book, enum sdcard_result failure) {
     case LOGBOOK_OPENING:
     case LOGBOOK_WRITING:
     case LOGBOOK_STOPPING:
+    case LOGBOOK_PROVING:
+    case LOGBOOK_PROVING_OLDER:
+    case LOGBOOK_PROVING_TABLE:
         logbook_survive_run(book, failure);
         return;
     default:
@@ -230,6 +233,8 @@ static void act(struct logbook *book) {
         break;
     case LOGBOOK_HEAD:
     case LOGBOOK_SEARCH:
+    case LOGBOOK_PROVING:
+    case LOGBOOK_PROVING_OLDER:
         logbook_begin_sum(book);
         break;
     case LOGBOOK_RESTING:
@@ -244,8 +249,15 @@ static void act(struct logbook *book) {
     case LOGBOOK_WRITING:
         logbook_take_written(book);
         break;
-    default:  // STOPPING
-        logbook_confirm_run(book);
+    case LOGBOOK_STOPPING:
+        logbook_end_run(book);
+        break;
+    default:  // PROVING_TABLE
+        if (logbook_is_table(book)) {
+            logbook_confirm_run(book);
+        } else {
+            logbook_refuse(book, CARD_FAILED, CAUSE_WORN);
+        }
         break;
     }
 }
@@ -258,7 +270,14 @@ static void act_on_sum(struct logbook *book) {
     case LOGBOOK_SEARCH:
         take_probe(book, is_good_block(book));
         break;
+    case LOGBOOK_PROVING:
+    case LOGBOOK_PROVING_OLDER:
+        logbook_take_proof(book, sum_fits(book));
+        break;
     default:  // CUTTING
+        if (book->run == 0) {
+            book->proof = book->crc;
+        }
         logbook_put_u32(sdcard_block(&book->card) + LOGBOOK_CRC_AT, book->crc);
         book->phase = LOGBOOK_WRITING;
         sdcard_write(&book->card);
@@ -310,6 +329,7 @@ bool logbook_open(struct logbook *book) {
     book->tries = 0;
     book->left_out = 0;
     book->restarts = 0;
+    book->proved_next = 0;
     logbook_tell(book, EVENT_LOG_STARTED, CAUSE_NONE, book->recording);
     return true;
 }

@@ -19,6 +19,9 @@
 // comes
 //   some milliseconds behind logbook_close(), a card's 250 ms at the worst, or a second
 //   where it is at its end; then logbook_is_idle().
+// - Once a second the first block of a run is read back before the run counts as kept,
+//   and the one of a second ago, and the partition table, which a card that is smaller
+//   than it says overwrites first.
 // - A card that is pulled ends its recording. One that fails and comes back at once (a
 //   second busy, a reset by itself) continues where it was.
 #ifndef LOGBOOK_H
@@ -78,6 +81,10 @@ struct logbook {
 
     uint32_t next;  // block of the file to be written
     uint32_t crc;
+    uint32_t proof;        // checksum of the block that the run under way began with
+    uint32_t proved_us;    // when such a block was last read back
+    uint32_t proved_next;  // that block, and its checksum; 0: none of the recording
+    uint32_t proved_crc;
     uint32_t busy_worst_us;
     uint32_t told_slow_us;
     uint16_t place;  // bytes that the checksum has taken

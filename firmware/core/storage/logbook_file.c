@@ -5,6 +5,7 @@
 // Document: FAT = Microsoft FAT32 File System Specification, version 1.03.
 #include "core/storage/logbook_file.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "core/storage/logbook_state.h"
@@ -38,24 +39,37 @@ static bool has_signature(const uint8_t *block) {
     return block[SIGNATURE_AT] == 0x55 && block[SIGNATURE_AT + 1] == 0xAA;
 }
 
-void logbook_take_partitions(struct logbook *book) {
+// The first entry of a FAT32, in the block that was read; null: there is none.
+static const uint8_t *find_volume(struct logbook *book) {
     const uint8_t *block = sdcard_block(&book->card);
     const uint8_t *entry = block + PARTITIONS_AT;
     for (uint8_t i = 0; i < PARTITIONS && has_signature(block); i++) {
-        const uint8_t type = entry[4];
-        book->volume = logbook_u32(entry + 8);
-        book->volume_blocks = logbook_u32(entry + 12);
-        if (type == TYPE_FAT32 || type == TYPE_FAT32_LBA) {
-            if (book->volume > 0 && book->volume < book->card.blocks &&
-                book->volume_blocks <= book->card.blocks - book->volume) {
-                logbook_read(book, LOGBOOK_VOLUME, book->volume);
-                return;
-            }
-            break;
+        if (entry[4] == TYPE_FAT32 || entry[4] == TYPE_FAT32_LBA) {
+            return entry;
         }
         entry += PARTITION_SIZE;
     }
+    return NULL;
+}
+
+void logbook_take_partitions(struct logbook *book) {
+    const uint8_t *entry = find_volume(book);
+    if (entry != NULL) {
+        book->volume = logbook_u32(entry + 8);
+        book->volume_blocks = logbook_u32(entry + 12);
+        if (book->volume > 0 && book->volume < book->card.blocks &&
+            book->volume_blocks <= book->card.blocks - book->volume) {
+            logbook_read(book, LOGBOOK_VOLUME, book->volume);
+            return;
+        }
+    }
     logbook_refuse_unprepared(book);
+}
+
+bool logbook_is_table(struct logbook *book) {
+    const uint8_t *entry = find_volume(book);
+    return entry != NULL && logbook_u32(entry + 8) == book->volume &&
+           logbook_u32(entry + 12) == book->volume_blocks;
 }
 
 static bool is_cluster(const struct logbook *book, uint32_t number) {

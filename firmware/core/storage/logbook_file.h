@@ -7,6 +7,8 @@
 #include "core/storage/logbook.h"
 
 void logbook_take_partitions(struct logbook *book);
+// The block that was read is the partition table, with the volume of the file.
+bool logbook_is_table(struct logbook *book);
 void logbook_take_volume(struct logbook *book);
 void logbook_take_root(struct logbook *book);
 void logbook_take_root_link(struct logbook *book);

@@ -35,6 +35,9 @@ enum logbook_phase {
     LOGBOOK_CUTTING,
     LOGBOOK_WRITING,
     LOGBOOK_STOPPING,
+    LOGBOOK_PROVING,
+    LOGBOOK_PROVING_OLDER,
+    LOGBOOK_PROVING_TABLE,
 };
 
 // Numbers of a block, little-endian.

@@ -8,6 +8,7 @@
 #include "core/storage/logbook_state.h"
 
 #define TOLD_SLOW_EVERY UINT32_C(1000000)  // us
+#define PROVED_EVERY UINT32_C(1000000)     // us
 
 enum {
     TRIES = 3,
@@ -78,8 +79,36 @@ static void note_busy(struct logbook *book) {
     }
 }
 
-void logbook_confirm_run(struct logbook *book) {
+// Cards exist that accept what they do not keep.
+void logbook_end_run(struct logbook *book) {
     note_busy(book);
+    if (book->is_first || book->singles > 0 ||
+        book->now_us - book->proved_us >= PROVED_EVERY) {
+        logbook_read(book, LOGBOOK_PROVING, book->file + book->next);
+    } else {
+        logbook_confirm_run(book);
+    }
+}
+
+void logbook_take_proof(struct logbook *book, bool is_good) {
+    const bool is_older = book->phase == LOGBOOK_PROVING_OLDER;
+    if (!is_good || book->crc != (is_older ? book->proved_crc : book->proof)) {
+        if (is_older) {  // it is no longer in the ring
+            logbook_refuse(book, CARD_FAILED, CAUSE_WORN);
+        } else {
+            logbook_survive_run(book, SDCARD_FAILED);
+        }
+    } else if (!is_older && book->proved_next > 0) {
+        logbook_read(book, LOGBOOK_PROVING_OLDER, book->file + book->proved_next);
+    } else {
+        book->proved_us = book->now_us;
+        book->proved_next = book->next;
+        book->proved_crc = book->proof;
+        logbook_read(book, LOGBOOK_PROVING_TABLE, 0);
+    }
+}
+
+void logbook_confirm_run(struct logbook *book) {
     const uint32_t tail = book->tail + book->cut;
     book->tail = tail < book->size ? tail : tail - book->size;
     book->used -= book->cut;

@@ -10,6 +10,10 @@
 void logbook_cut_block(struct logbook *book);
 // A block is with the card: cuts the next one, or ends the run.
 void logbook_take_written(struct logbook *book);
+// The card says that it has the run: reads its first block back if that is due.
+void logbook_end_run(struct logbook *book);
+// A block was read back; `is_good`: its checksum fits.
+void logbook_take_proof(struct logbook *book, bool is_good);
 // The run is on the card: what it took leaves the ring.
 void logbook_confirm_run(struct logbook *book);
 // The run failed: tries its content once more, block by block, to find which one it is.

@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from imud.card import disk
 from imud.card.probe_log import CONTENT, CardLog, CardRecording, find_log
@@ -20,6 +21,7 @@ from imud.wire.messages import Message, decode
 
 _HEADER = struct.Struct(schema.HEADER)
 _ID = {message.name: message.id for message in schema.MESSAGES}
+_TOLD = {HELLO_ID, _ID["equipment"], _ID["event"]}  # read whole
 
 
 @dataclass(slots=True)
@@ -30,6 +32,8 @@ class Survey:
     messages: Counter[int] = field(default_factory=Counter)  # by their id
     last_sequence: int = -1
     duration_us: int = 0
+    counted: int = 0  # the file's next block, as the probe said last
+    worn: set[int] = field(default_factory=set)  # blocks that it left out
 
     @property
     def samples(self) -> int:
@@ -59,12 +63,29 @@ def survey(log: CardLog, recording: CardRecording, progress: Progress) -> Survey
             if before_us is not None:
                 found.duration_us += difference_32(time_us, before_us)
             before_us = time_us
-            if kind == HELLO_ID and found.probe == NOBODY:
-                hello = decode(content)
-                probe_id = hello.fields["probe_id"] if isinstance(hello, Message) else 0
-                found.probe = probe_id.hex() if isinstance(probe_id, bytes) else NOBODY
+            if kind in _TOLD and isinstance(message := decode(content), Message):
+                _take(message, found)
         progress.advance(len(data))
     return found
+
+
+def _take(message: Message, found: Survey) -> None:
+    fields: Any = message.fields
+    if message.name == "hello" and found.probe == NOBODY:
+        found.probe = fields["probe_id"].hex()
+    elif message.name == "equipment":
+        found.counted = fields["card_block"] or 0
+    elif message.name == "event" and fields["cause"] == "worn":
+        found.worn.add(fields["detail"])
+
+
+def missing(recording: CardRecording, found: Survey) -> int:
+    """Blocks that the probe counted as kept and that are not on the card."""
+    first = recording.runs[0].start
+    kept = sum(
+        len(range(run.start, min(run.stop, found.counted))) for run in recording.runs
+    )
+    return max(0, found.counted - first - kept - len(found.worn))
 
 
 def show(path: Path) -> int:
@@ -74,6 +95,7 @@ def show(path: Path) -> int:
         recordings = log.recordings()
         sys.stdout.write(summary(log, recordings))
         rows = [("recording", "probe", "duration", "samples", "lost", "bad", "end")]
+        warnings = ""
         progress = bar(recordings)
         for recording in recordings:
             found = survey(log, recording, progress)
@@ -89,12 +111,19 @@ def show(path: Path) -> int:
                     end(recording),
                 )
             )
+            if lacks := missing(recording, found):
+                warnings += (
+                    f"recording {recording.number}: the probe counted "
+                    f"{plural(lacks, 'block')} more than the card kept; it may be a "
+                    "counterfeit: use another card\n"
+                )
         progress.end()
     if recordings:
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
             sys.stdout.write("  ".join(cells).rstrip() + "\n")
+    sys.stdout.write(warnings)
     return 0
 
 

@@ -184,6 +184,26 @@ def test_worn_places_are_stepped_over_and_counted(
     assert row.split("  ")[-2:] == ["29 blocks", "ended cleanly"]
 
 
+@pytest.mark.parametrize("left_out", [0, 2])
+def test_blocks_that_the_probe_counted_and_the_card_lost_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], left_out: int
+) -> None:
+    probe = FakeProbe()
+    contents = contents_of(probe, 300)
+    for block in range(left_out):
+        worn = {"event": "card_fault", "cause": "worn", "detail": 10 + block}
+        contents.append(probe.content("event", **worn))
+    contents.append(probe.content("equipment", card_block=20))
+    blocks = laid([tape(contents)], 0x1234)
+    for index in (9, 10, 11):  # a counterfeit's
+        blocks[index] = bytes(512)
+    run("list", bare(tmp_path, blocks))
+    counted = "3 blocks" if left_out == 0 else "1 block"
+    assert lines_of(capsys)[-1].startswith(
+        f"recording 1: the probe counted {counted} more than the card kept"
+    )
+
+
 def test_a_card_prepared_anew_shows_nothing_of_before(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
