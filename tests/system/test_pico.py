@@ -131,17 +131,72 @@ def test_it_tells_who_it_is_and_what_feeds_it(pico: Stub) -> None:
     assert other.named("hello")[-1].fields["probe_id"] != hello["probe_id"]
 
 
-def test_on_a_pico_w_the_supply_is_unknown(pico: Stub) -> None:
-    # Between VSYS and its pin is a switch, which GP25 closes.
-    folder = pico.folder / "pico_w"
+def rewired(pico: Stub, before: str, after: str) -> Stub:
+    """The same board with a line of its emulator's wiring replaced."""
+    folder = pico.folder / "rewired"
     shutil.copytree(SIMULATOR.parent, folder, symlinks=True)
     machine = folder / "machine.mjs"
-    before, after = machine.read_text().split("mcu.adc.channelValues[3] = VSYS_COUNTS;")
+    first, last = machine.read_text().split(before)
+    machine.write_text(first + after + last)
+    return dataclasses.replace(pico, simulator=folder / SIMULATOR.name)
+
+
+def test_on_a_pico_w_the_supply_is_unknown(pico: Stub) -> None:
+    # Between VSYS and its pin is a switch, which GP25 closes.
     level = "mcu.adc.channelValues[3] = state === 1 ? VSYS_COUNTS : 38;"
     switch = f"mcu.gpio[25].addListener((state) => {{{level}}});"
-    machine.write_text(before + "mcu.adc.channelValues[3] = 38;" + switch + after)
-    done = run(dataclasses.replace(pico, simulator=folder / SIMULATOR.name), 2.5)
+    line = "mcu.adc.channelValues[3] = VSYS_COUNTS;"
+    done = run(rewired(pico, line, "mcu.adc.channelValues[3] = 38;" + switch), 2.5)
     assert done.last_status["supply"] is None
+
+
+# Of rp2040js's controller: what a host does that reads late, or not for a while.
+USB_HOST = """const cdc = new USBCDC(mcu.usbCtrl);
+    const usb = mcu.usbCtrl;
+    const DEVICE_SUSPENDED = 1 << 4, RESUMED = 1 << 11, SIE_STATUS = 0x50;
+    const give = usb.DPRAMUpdated.bind(usb), write = usb.writeUint32.bind(usb);
+    const later = (ns, work) => this.clock.createAlarm(work).schedule(ns);
+    const tell = (bit) => { usb.sieStatus |= bit; usb.sieStatusUpdated(); };
+    usb.writeUint32 = (offset, value) => {
+      const cleared = offset === SIE_STATUS ? usb.rawWriteValue : 0;
+      usb.sieStatus &= ~(cleared & DEVICE_SUSPENDED);
+      write(offset, value);
+    };
+    usb.DPRAMUpdated = (offset, value) => {
+      const isIn = offset === 0x80 + 8 * cdc.inEndpoint && cdc.initialized;
+      const wait = isIn ? FREE_NS(this.now()) - this.now() : 0;
+      if (wait > 0) later(wait, () => give(offset, value));
+      else give(offset, value);
+    };
+"""
+
+
+LATE = "(t) => t + (t > 1.5e9 && t < 2e9 ? 1e6 : 0)"
+NOT = "(t) => (t > 1.5e9 && t < 3e9 ? 3e9 : t)"
+SUSPENDED = """later(1.5e9, () => tell(DEVICE_SUSPENDED));
+    later(3e9 - 1e5, () => tell(RESUMED));"""
+
+
+@pytest.mark.parametrize(
+    ("free_ns", "signals", "gap_ms"),
+    [(LATE, "", 5), (NOT, "", 925), (NOT, SUSPENDED, 1505)],
+    ids=["late", "not", "suspended"],
+)
+def test_a_host_that_does_not_read_loses_what_does_not_fit_until_it_does(
+    pico: Stub, free_ns: str, signals: str, gap_ms: int
+) -> None:
+    host = USB_HOST.replace("FREE_NS", f"({free_ns})") + signals
+    wired = rewired(pico, "const cdc = new USBCDC(mcu.usbCtrl);", host)
+    done = run(wired, 4.5, *CLICK, *pico.raw_too, "--wire", "usb")
+    assert done.summary["late"] == done.last_status["overruns"] == 0
+    times = [raw.time_us for raw in done.named("raw")]
+    assert max(np.diff(times)) == pytest.approx(1000 * gap_ms, abs=50_000)
+    assert times[-1] > 4_450_000
+    # While it is suspended they go to UART0, as if the cable was pulled.
+    dropped = 0 if signals else done.account["lost"]
+    assert done.last_status["messages_dropped"] == dropped
+    assert (done.account["lost"] > 0) == (gap_ms > 5)
+    assert not done.account["skewed"]
 
 
 def test_the_fix_of_usb_beside_others_on_a_hub_is_in_the_image(pico: Stub) -> None:
