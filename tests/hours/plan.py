@@ -84,7 +84,7 @@ def _fault(plan: Plan, board: Board, draw: random.Random, at_us: int) -> int:
         {"kind": "stuck_sda", **span(3, 2000)},
         {"kind": "no_data_ready", **span(3, 2000)},
         {"kind": "frozen", **span(3, 5000)},
-        {"kind": board.no_mag, **span(300, 5000)},
+        {"kind": board.no_mag, **span(300, 60000)},
         {"kind": "register_flip", **draw.choice(board.kept_registers)},
         {"kind": "sensor_brown_out"},
     ]
