@@ -190,6 +190,23 @@ def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(served: Served) -
         ]
 
 
+def test_what_needs_a_calibrated_probe_is_refused_at_once_with_the_way(
+    browser: Browser, served: Served
+) -> None:
+    with known(served, params={"acc": {"is_calibrated": False}}):
+        page = browser.new_page()
+        page.goto(f"{served.page.url}/#/calibrate/{PROBE}")
+        for kind, words in (("verify", "no calibration"), ("tip", "with calibrated")):
+            page.select_option("[aria-label='What to calibrate']", kind)
+            page.get_by_role("button", name="Begin").click()
+            page.locator(".guide [role=alert]").get_by_text(words).wait_for()
+        assert served.asked.all == []
+        page.get_by_role("button", name="Calibrate all sensors").click()
+        until(lambda: len(served.asked.all) > 0)
+        assert page.evaluate("imud.model.probe.calibration.kind") == "all"
+        page.close()
+
+
 def begun(served: Served, browser: Live) -> Sending:
     """A calibration that takes the samples of a probe."""
     browser.say(do="calibrate", id=1, probe=PROBE, kind="all")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from streaming import until
 from web.desk import Desk, Seen
 
-ADVICE = "accelerometer and gyroscope not calibrated: calibrate it"
+ADVICE = "accelerometer and gyroscope not calibrated: Calibrate, all sensors"
 FAKE = "no magnetometer in this module (an MPU-6500 sold as an MPU-9250): no heading"
 FAILED = (
     "the gyroscope failed its self-test (by the probe's own self-test): don't trust "

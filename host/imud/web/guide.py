@@ -42,6 +42,10 @@ class GuideError(Exception):
     """A calibration can't go on, or a command was refused: why."""
 
 
+class NotCalibrated(GuideError):
+    """All sensors have to be calibrated first."""
+
+
 class CalibrationGuide:
     """One calibration. Belongs to the server's loop."""
 
@@ -107,7 +111,8 @@ class CalibrationGuide:
             await self._follow(task)
         except GuideError as error:
             self.is_told = True
-            self._say(phase="refused", why=str(error))
+            needs = "all" if isinstance(error, NotCalibrated) else None
+            self._say(phase="refused", why=str(error), needs=needs)
         finally:
             await processes.end(self._process)
             for command, parameters in reversed(self._undo):
@@ -134,6 +139,12 @@ class CalibrationGuide:
         rate_hz = hello["sample_rate"]
         scale = Scale(hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], rate_hz)
         earth = msgspec.convert(status.get("place"), Earth | None)
+        of = status.get("params") or {}
+        known = [(of.get(name) or {}).get("is_calibrated") for name in ("acc", "gyr")]
+        if self._kind == "tip" and not all(known):
+            raise NotCalibrated("the tip can only be found with calibrated sensors")
+        if self._kind == "verify" and not any(known):
+            raise NotCalibrated("there is no calibration to check")
         missing_mag = missing_magnetometer(hello)
         if missing_mag and self._kind == "mag":
             raise GuideError(missing_mag)

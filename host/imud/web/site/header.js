@@ -6,6 +6,7 @@
 import { draw, keep, kept, make, mark, say } from "./dom.js";
 import { LoginDialog } from "./login.js";
 import { PlayBar } from "./playbar.js";
+import { onPage } from "./views/words.js";
 
 /** @typedef {import("./model.js").Model} Model */
 
@@ -44,8 +45,8 @@ const toasts = make("div", { class: "toasts", role: "status", "aria-live": "poli
  * @param {boolean} [isBad]
  */
 export function tell(text, isBad = false) {
-  const toast = make("div", { class: isBad ? "toast bad" : "toast" }, text);
-  [...toasts.children].find((before) => before.textContent === text)?.remove();
+  const toast = make("div", { class: isBad ? "toast bad" : "toast" }, onPage(text));
+  [...toasts.children].find((before) => before.textContent === toast.textContent)?.remove();
   toasts.append(toast);
   setTimeout(() => toast.remove(), TOAST_MS);
 }

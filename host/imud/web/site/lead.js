@@ -183,7 +183,8 @@ export class Lead {
     this._first.set(probe.name, first);
     const done = {
       move: angleOf(multiply(pose.q, inverse(first))) > MOVED_DEG,
-      calibrate: isCalibrated,
+      // Its last step gives the verdict.
+      calibrate: isCalibrated && !pose.flags.includes("uncalibrated") && pose.tilt_sigma_deg !== null,
       origin: pose.flags.includes("tared"),
       aim: Boolean(/** @type {any} */ (aim)?.is_reached),
     };

@@ -4,6 +4,7 @@
 
 import { make, mark, say } from "../dom.js";
 import { fixed } from "../format.js";
+import { onPage } from "../views/words.js";
 import { MountPicture } from "./mount.js";
 
 /** @typedef {import("../link.js").Line} Line */
@@ -35,6 +36,11 @@ export class GuideCard {
     this.begin = make("button", { class: "primary", onclick: begin }, "Begin");
     this._end = make("button", { onclick: end }, "Finish now");
     this._stop = make("button", { onclick: stop }, "Cancel");
+    const all = () => {
+      this.kind.value = "all";
+      begin();
+    };
+    this._first = make("button", { class: "primary", onclick: all }, "Calibrate all sensors");
     this._says = make("p", { class: "says", role: "status", "data-part": "says" });
     this._trouble = make("p", { class: "notice", role: "alert", hidden: true });
     this._mount = new MountPicture();
@@ -66,6 +72,7 @@ export class GuideCard {
       make("div", { class: "row" }, this.kind, this.begin, this._end, this._stop),
       this._says,
       this._trouble,
+      make("div", { class: "row" }, this._first),
       this._mount.element,
       this._steps,
     );
@@ -80,12 +87,14 @@ export class GuideCard {
     const isRunning = phase === "running" || phase === "preparing";
     this.kind.hidden = this.begin.hidden = isRunning;
     mark(this.begin, "disabled", !mayBegin);
+    this._first.hidden = phase !== "refused" || !line?.needs || !mayBegin;
+    mark(this.begin, "class", line?.needs || line?.outcome ? "" : "primary");
     this._end.hidden = phase !== "running" || line?.kind === "verify";
     this._stop.hidden = !isRunning;
     say(this._says, isRunning ? line?.says : (FIRST[phase] ?? ""));
     const trouble = isRunning ? line?.trouble : line?.why;
     this._trouble.hidden = !trouble;
-    say(this._trouble, trouble ?? "");
+    say(this._trouble, onPage(trouble ?? ""));
     this._steps.hidden = phase !== "running";
     this._mount.show(line?.outcome?.mount ?? line?.mount);
     if (phase === "running" && line !== null) {

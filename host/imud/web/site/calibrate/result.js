@@ -4,6 +4,7 @@
 
 import { make, mark, say } from "../dom.js";
 import { fixed, sigma } from "../format.js";
+import { onPage } from "../views/words.js";
 
 /** @typedef {import("../link.js").Line} Line */
 /** @typedef {import("../model.js").Probe} Probe */
@@ -98,7 +99,7 @@ export class ResultCard {
  */
 function lastStep({ pose, status }, isFresh) {
   if (pose === null || !isFresh) {
-    return "Last step: start the probe, and lay it still for 3 s.";
+    return "Last step: press Start above, and lay the probe still for 3 s.";
   }
   if (pose.flags.includes("uncalibrated")) {
     return "Last step: lay it on the table and let go for 3 s. This measures the gyroscope's bias and is needed after each start.";
@@ -156,6 +157,6 @@ function rows(outcome) {
 function checked(findings) {
   return findings.map(({ sensor, verdict, words }) => {
     const kind = VERDICTS[verdict] ?? "";
-    return row(SENSORS[sensor], verdict === "good" ? words : `${verdict}: ${words}`, kind);
+    return row(SENSORS[sensor], verdict === "good" ? words : `${verdict}: ${onPage(words)}`, kind);
   });
 }

@@ -84,6 +84,24 @@ export function showChips(element, all, kind = "") {
   }
 }
 
+/** @type {[RegExp, string][]} */
+const PLACES = [
+  [/imud calibrate verify/g, "Calibrate, check"],
+  [/imud calibrate (acc|gyro|mag|mount|tip)( PROBE)?/g, "Calibrate, $1"],
+  [/imud calibrate( PROBE)?/g, "Calibrate, all sensors"],
+  [/run imud flash/g, "update it under Probes"],
+  [/with imud (list|flash)/g, "under Probes"],
+  [/see imud (list|ports)/g, "see Probes"],
+];
+
+/**
+ * The daemon's words with the page's places for the command line's commands.
+ * @param {string} words
+ */
+export function onPage(words) {
+  return PLACES.reduce((text, [command, place]) => text.replace(command, place), words);
+}
+
 /**
  * Sentences about problems for the user to solve: the sensors first, then their
  * calibration, then why errors are withheld. @param {any} status @returns {Words[]} */
@@ -94,9 +112,7 @@ export function concerns(status) {
   const sentences = words.map((/** @type {string} */ each) => [each, isBad ? "bad" : "warn"]);
   const advice = status?.params?.advice;
   if (advice) {
-    // The command line's words; here it is a view.
-    const words = advice.replaceAll("imud calibrate verify", "check it").replaceAll("imud calibrate", "calibrate it");
-    sentences.push([words, "warn", `#/calibrate/${encodeURIComponent(status.probe)}`]);
+    sentences.push([onPage(advice), "warn", `#/calibrate/${encodeURIComponent(status.probe)}`]);
   }
   for (const each of status?.quality?.withheld?.words ?? []) {
     sentences.push([each, "warn"]);
