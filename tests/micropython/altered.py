@@ -5,8 +5,9 @@ otherwise than it should, for a time.
     micropython altered.py FAKES PACKAGE KIND FRAMES SECONDS [WHAT=VALUE ...]
 
 `from_us` and `until_us` say when. `force`: m/s2 at rest. A register by its number in
-hexadecimal: reads that value; `mag`: the AK8963 is `absent` or `hung`, or does not
-measure (`silent`).
+hexadecimal: reads that value; `mag`: the AK8963 is `absent` or `hung`, or a
+magnetometer does not measure (`silent`); `bus`: all bytes `ff`; `ready`: data-ready is
+`off`.
 """
 
 import sys
@@ -21,6 +22,7 @@ STEP_US = 5000
 PRESS_US = 1_000_000, 1_100_000
 BURST, ST1, INERTIAL = 0x3B, 14, 14
 MST_STATUS, NACK = 0x36, 0x10
+XM_BURST, STATUS_M = 0x85, 2
 
 
 class Altered:
@@ -31,11 +33,16 @@ class Altered:
         self._from_us = int(about.pop("from_us", 0))
         self._until_us = int(about.pop("until_us", 1 << 30))
         self._mag = about.pop("mag", "")
+        self._bus = about.pop("bus", "")
+        self._ready = about.pop("ready", "")
         self._registers = {int(name, 16): int(about[name], 16) for name in about}
         self.written = []
 
     def _is_on(self):
         return self._from_us <= ticks_us() < self._until_us
+
+    def value(self):
+        return 0 if self._ready and self._is_on() else self._chip.value()
 
     def writeto_mem(self, address, register, data):
         for n in range(len(data)):
@@ -58,6 +65,10 @@ class Altered:
             data[0] = NACK if self._mag == "absent" else 0
         if register == BURST and len(data) > INERTIAL and self._mag:
             data[ST1] = 0
+        if register == XM_BURST and self._mag:
+            data[STATUS_M] = 0
+        for n in range(len(data) if self._bus else 0):
+            data[n] = int(self._bus, 16)
 
 
 def main(fakes, package, kind, frames, seconds, *words):
@@ -75,12 +86,12 @@ def main(fakes, package, kind, frames, seconds, *words):
     chip.hold((0, 0, 0), (0, 0, float(about.pop("force", "9.81"))), (20, 0, -40))
     altered = Altered(chip, about)
     probe = Probe(None, id=b"altered", firmware="altered")
-    probe.attach(Driver(), altered, chip)
+    probe.attach(Driver(), altered, altered)
     wire = Wire()
     was_high = False
     stepped_us = 0
     while (now_us := ticks_us()) < int(seconds) * 1_000_000:
-        is_high = chip.value()
+        is_high = altered.value()
         if is_high and not was_high:
             probe.edge(None)
         was_high = is_high

@@ -91,20 +91,51 @@ def test_what_is_no_identity_is_refused(altered: Any, identity: int) -> None:
     assert not done.named("raw")
 
 
-def test_nothing_is_written_to_a_clock_at_the_address(altered: Any) -> None:
-    done = altered("mpu9250", 1, r_75="3", r_6b="0")  # a DS3231 on a Tuesday
+@pytest.mark.parametrize(
+    ("kind", "held"),
+    [("mpu9250", {"r_75": "3", "r_6b": "0"}), ("lsm9ds0", {"r_f": "3"})],
+)
+def test_nothing_is_written_to_a_clock_at_the_address(
+    altered: Any, kind: str, held: dict[str, str]
+) -> None:
+    done = altered(kind, 1, **held)  # a DS3231 on a Tuesday
     assert set(done.faults()) == {("wrong_chip", 0x03)}
     assert done.written == []
 
 
+@pytest.mark.parametrize(
+    ("kind", "identity", "period_us"),
+    [("mpu9250", 0x71, 5000), ("lsm9ds0", 0xD4, 2632)],
+)
 def test_a_magnetometer_that_never_measures_is_left_out_after_three_set_ups(
-    altered: Any,
+    altered: Any, kind: str, identity: int, period_us: int
 ) -> None:
-    done = altered("mpu9250", 8, mag="silent")
-    assert done.faults() == [("mag_silent", 0x71)] * 3
-    assert done.hello["sensor"] == "mpu6500"
-    last = [raw.time_us for raw in done.named("raw") if raw.time_us > 6_000_000]
-    assert len(last) == pytest.approx((last[-1] - last[0]) / 5000, abs=2)
+    done = altered(kind, 10, mag="silent")
+    assert done.faults() == [("mag_silent", identity)] * 3
+    assert done.hello["who_am_i"] == (identity, 0)
+    last = [raw.time_us for raw in done.named("raw") if raw.time_us > 8_000_000]
+    assert len(last) == pytest.approx((last[-1] - last[0]) / period_us, abs=20)
+    assert all(raw.fields["mag"] is None for raw in done.named("raw"))
+
+
+@pytest.mark.parametrize("kind", ["mpu9250", "lsm9ds0"])
+@pytest.mark.parametrize("from_us", [0, 2_000_000])
+@pytest.mark.parametrize(
+    ("what", "event"),
+    [({"ready": "off"}, "sensor_fault"), ({"bus": "ff"}, None), ({"bus": "0"}, None)],
+    ids=["late", "ones", "zeros"],
+)
+def test_a_sensor_that_is_late_or_talks_nonsense_is_told_and_taken_back(
+    altered: Any, kind: str, from_us: int, what: dict[str, str], event: str | None
+) -> None:
+    done = altered(kind, 6, from_us=from_us, until_us=from_us + 1_500_000, **what)
+    told = {m.fields["event"] for m in done.named("event")}
+    assert told & ({event} if event else {"sensor_fault", "bus_fault"})
+    assert "bus_recovered" in told
+    times = [raw.time_us for raw in done.named("raw")]
+    assert not [t for t in times if from_us + 20_000 < t < from_us + 1_500_000]
+    assert len([t for t in times if t > 5_000_000]) > 190
+    assert done.state == "streaming"
 
 
 @pytest.mark.parametrize("identity", [0x70, 0x71, 0x75])

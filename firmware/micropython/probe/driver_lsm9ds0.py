@@ -28,6 +28,10 @@ _GYR_MAX = const(28571)  # 2000 deg/s, 70 mdps each
 _ACC_MAX = const(21857)  # 16 g, 0.732 mg each
 _MAG_MAX = const(25000)  # 2 gauss, 0.08 mgauss each
 _HELD_MAX = const(4)  # samples: then the accelerometer stands still
+# Samples: 1 s without a field, and 10 s before one that was left out is used again.
+_SILENT = const(380)
+_ABSENT = const(3800)
+_LEFT_OUT = const(7)  # core/drivers/mag_watch.h
 
 _BOOT_US = const(20_000)
 _START_US = const(800_000)
@@ -39,6 +43,9 @@ _G = b"\xbf\x00\x08\xa0\x02"
 _XM = b"\x00\x9f\x60\x00\x00\xf4\x00\x00"
 
 
+# Bytes of a bus that nobody drives.
+_ONES = b"\xff\xff\xff\xff\xff\xff\xff\xff\xff"
+
 _LOST = const(1000)  # of an OSError: with the cause, the sensor is lost
 
 
@@ -49,6 +56,7 @@ class Driver:
         self._gyr = gyr
         self._xm = xm
         self.detail = 0  # of an OSError with a cause
+        self._spoiled = 0  # set-ups, by a magnetometer without fields
         self._axes = bytearray(7)  # a status, three axes
         self._more = bytearray(9)  # the temperature before them
 
@@ -57,6 +65,8 @@ class Driver:
         self._step = 0
         self._since = None
         self._held = 0
+        self._without = 0  # samples since the last field, or since it is left out
+        self._has_mag = self._spoiled & _LEFT_OUT != _LEFT_OUT
 
     def set_up(self, now):
         """One step; True once samples flow. Raises OSError."""
@@ -97,7 +107,8 @@ class Driver:
     def describe(self, hello):
         """Fills in what a hello says of the sensor."""
         hello[wire.HELLO_SENSOR] = wire.SENSOR_LSM9DS0
-        hello[wire.HELLO_WHO_AM_I : wire.HELLO_WHO_AM_I + 2] = b"\xd4\x49"
+        hello[wire.HELLO_WHO_AM_I] = 0xD4
+        hello[wire.HELLO_WHO_AM_I + 1] = 0x49 if self._has_mag else 0
         struct.pack_into("<H", hello, wire.HELLO_SAMPLE_RATE, self.rate_hz)
         struct.pack_into("<I", hello, wire.HELLO_ACC_LSB, 7178468)  # 0.732 mg
         struct.pack_into("<I", hello, wire.HELLO_GYR_LSB, 1221730)  # 70 mdps
@@ -124,6 +135,8 @@ class Driver:
         if is_beyond(raw, wire.RAW_ACC, _ACC_MAX):
             flags |= wire.SAMPLE_ACC_CLIPPED
         i2c.readfrom_mem_into(self._xm, _TEMPERATURE | _AUTO, more)
+        if more == _ONES and data == _ONES[:7]:
+            return False
         flags |= self._take_field(more, raw)
         self._take_temperature(more, raw)
         raw[wire.RAW_SAMPLE_FLAGS] = flags
@@ -133,7 +146,9 @@ class Driver:
         """The magnetic field, null where it is not new; returns flags of the sample."""
         place = wire.RAW_MAG
         flags = 0
-        if data[2] & _FRESH == _FRESH:
+        is_new = data[2] & _FRESH == _FRESH
+        self._follow_field(is_new)
+        if is_new and self._has_mag:
             copy_axes(data, 3, raw, place)
             if not is_beyond(raw, place, _MAG_MAX):
                 # DS figure 1: the magnetometer's z points into the package.
@@ -146,6 +161,22 @@ class Driver:
             raw[place + axis] = 0
             raw[place + axis + 1] = 0x80
         return flags
+
+    def _follow_field(self, is_new):
+        """Has the sensor set up again where fields end, or come again."""
+        self._without += 1
+        if self._has_mag and is_new:
+            self._without = self._spoiled = 0
+            return
+        pause = _SILENT if self._has_mag else _ABSENT * (1 + self._spoiled)
+        if self._without <= pause or not (self._has_mag or is_new):
+            return
+        if self._has_mag:
+            self._spoiled = (self._spoiled << 1 | self._spoiled | 1) & 127
+        else:
+            self._spoiled -= 1
+        self.detail = 0xD4
+        raise OSError(_LOST + wire.CAUSE_MAG_SILENT)
 
     def _take_temperature(self, data, raw):
         """DS table 4: 12 bits, 8 counts a degC, from 25 degC."""
