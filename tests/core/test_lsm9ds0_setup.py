@@ -142,6 +142,24 @@ def test_a_sensor_that_never_gets_ready_is_stuck_in_bounded_time(name):
     assert bench.set_up() == lib.SENSOR_OK
 
 
+@pytest.mark.parametrize("name", ["gyr", "acc", "mag"])
+@pytest.mark.parametrize("from_ms", [0, 100, 400, 700])
+def test_a_sensor_that_is_late_with_its_samples_is_waited_for(name, from_ms):
+    bench = Bench()
+    sensor = getattr(bench.chip, name)
+    bench.call("begin")
+    while bench.clock_ns < (from_ms + 40) * 1_000_000:
+        sensor.is_silent = bench.clock_ns >= from_ms * 1_000_000
+        assert bench.step() == lib.SENSOR_BUSY
+        bench.let_pass(1000)
+    sensor.is_silent = False
+    while (result := bench.step()) == lib.SENSOR_BUSY:
+        bench.let_pass(1000)
+    assert result == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0xD4, 0x49]
+    assert bench.identity.self_test & ~lib.SELF_TEST_MAG_FAILED == BOTH_PASSED
+
+
 def test_data_ready_is_low_where_set_up_ends_and_no_sample_is_missed():
     bench = running()
     chip = bench.chip

@@ -48,6 +48,17 @@ def test_noise_in_place_of_answers_is_a_fault_and_never_a_write(noise):
     assert module.writes == []
 
 
+@pytest.mark.parametrize("answer", [b"ERROR:(0)\r\n", b"+NAME:HC-05\r\n", b"$$$"])
+def test_another_module_in_its_place_is_a_fault_and_never_a_write(answer):
+    module = Module()
+    module.noise = lambda _: answer
+    probe = Probe(module)
+    assert probe.run_to(lib.RN41_FAILED) < 60
+    assert module.writes == []
+    module.noise = lambda theirs: theirs
+    assert probe.run_to(lib.RN41_WAITING) < 60
+
+
 def test_noise_in_front_of_an_answer_is_borne():
     module = Module(FACTORY)
     module.noise = lambda answer: (

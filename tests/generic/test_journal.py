@@ -173,12 +173,15 @@ def test_a_full_sector_keeps_the_old_value_until_the_next_opening():
     assert content(flash.open())[3] == before[3] ^ 0xFF
 
 
-def test_flash_that_takes_nothing_holds_erased_bytes_and_ends_every_call():
+def test_flash_that_takes_nothing_holds_erased_bytes_until_it_takes():
     flash = Flash()
     flash.is_dead = True
     journal = flash.open()
     lib.journal_write(journal, 0, 5)
     assert content(journal) == FRESH
+    flash.is_dead = False
+    lib.journal_write(flash.open(), 0, 5)
+    assert content(flash.open())[0] == 5
 
 
 def test_generations_go_round():

@@ -149,6 +149,32 @@ def test_commands_that_messages_name_exist() -> None:
         assert not found, f"{path}: {found}"
 
 
+def cell_fault(cell: str) -> str | None:
+    """What a cell of the table of faults lacks: a test with its words in the name."""
+    tests: list[str] = []
+    if re.match(r"none: \w+", cell):
+        return None
+    for clause in cell.split("; "):
+        if match := re.fullmatch(r"`([\w/]+)`: (.*)", clause):
+            file = match[1] if "/" in match[1] else f"core/test_{match[1]}"
+            path, clause = ROOT / "tests" / f"{file}.py", match[2]
+            tests = re.findall(r"^def test_(\w+)", path.read_text("utf-8"), re.M)
+        words = re.sub("[- ]", "_", clause)
+        if not words or not any(f"_{words}_" in f"_{test}_" for test in tests):
+            return f"there is no test of this: {cell}"
+    return None
+
+
+def test_each_fault_of_each_device_has_its_test() -> None:
+    text = (ROOT / "docs" / "decisions" / "boards.md").read_text("utf-8")
+    table = text.split("| device | nonsense |")[1].split("\n\n")[0]
+    rows = [row.strip("| ").split(" | ") for row in table.split("\n")[2:]]
+    assert {len(row) for row in rows} == {6}
+    assert [x for row in rows for cell in row[1:] if (x := cell_fault(cell))] == []
+    assert cell_fault("`battery`: a dip; its rust")
+    assert cell_fault("-")
+
+
 def test_each_target_of_make_is_explained() -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     assert {name for name in TARGETS - {"help"} if f"`make {name}" not in text} == set()
