@@ -19,6 +19,7 @@ POSE = {"number": 1, "flags": [], "tilt_sigma_deg": 0.1, "heading_sigma_deg": 1.
 NO_PARAMS = {"is_known": True, "acc": {"is_calibrated": False}}
 CALIBRATED = {name: {"is_calibrated": True} for name in ("acc", "gyr")}
 
+LEVEL = {"q": (1, 0, 0, 0)}
 NEEDS = {
     "calibrating": "lay it still",
     "gone": "plug it in again",
@@ -103,4 +104,34 @@ def test_a_new_probe_is_led_until_all_is_done(browser: Browser, served: Served) 
     assert page.locator(".steps [data-done]").count() == 3
     lead(page).get_by_role("button", name="Hide").click()
     lead(page).wait_for(state="hidden")
+    page.close()
+
+
+def test_errors_are_explained_and_only_what_is_unusual_is_in_front(
+    browser: Browser, served: Served
+) -> None:
+    page = browser.new_page()
+    page.goto(f"{served.page.url}/#/probe")
+    acc = {"sigma_m_s2": 0.0142, "condition": "other temperature"}
+    params = {"acc": acc, "mag": {"sigma_uT": 0.31}}
+    about = {"state": "streaming", "pose_rate_hz": 99.0, "hello": {"pose_rate": 100}}
+    say(served, "status", params=params, ledger={"lost": 0, "sent": 9}, **about)
+    say(served, "pose", **POSE | {"flags": ["uncalibrated", "mag_disturbed"]}, **LEVEL)
+    made = page.locator(".numbers [data-part=accuracy]")
+    made.locator("summary").click()
+    for words in (
+        *("tilt ±0.12°, field ±0.3 µT", "bias not measured", "lay it still for 3 s"),
+        *("disturbed", "move away from iron", "other temperature"),
+    ):
+        made.get_by_text(words).first.wait_for()
+    front = page.locator(".numbers > .quantities [data-value]:visible")
+    keys = "all => all.map(one => one.dataset.value)"
+    assert front.evaluate_all(keys) == ["yaw", "pitch", "roll"]
+    say(served, "status", params=params, ledger={"lost": 1, "sent": 9}, **about)
+    say(served, "pose", **POSE | {"age_us": 400e3}, **LEVEL)
+    until(lambda: {*front.evaluate_all(keys)[3:]} == {"lost", "age"})
+    slow = about | {"pose_rate_hz": 61.0}
+    say(served, "status", params=params, ledger={"lost": 0, "sent": 9}, **slow)
+    say(served, "pose", **POSE, **LEVEL)
+    until(lambda: front.evaluate_all(keys)[3:] == ["rate"])
     page.close()

@@ -72,7 +72,7 @@ export class GuideCard {
       make("div", { class: "row" }, this.kind, this.begin, this._end, this._stop),
       this._says,
       this._trouble,
-      make("div", { class: "row" }, this._first),
+      this._first,
       this._mount.element,
       this._steps,
     );

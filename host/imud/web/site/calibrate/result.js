@@ -4,6 +4,7 @@
 
 import { make, mark, say } from "../dom.js";
 import { fixed, sigma } from "../format.js";
+import { Accuracy } from "../views/accuracy.js";
 import { onPage } from "../views/words.js";
 
 /** @typedef {import("../link.js").Line} Line */
@@ -45,14 +46,17 @@ export class ResultCard {
     this._shownText = "";
     this._step = make("p", { role: "status", "data-part": "last-step" });
     const see = make("a", { href: "#/probe", class: "button" }, "See it move");
-    this._last = make("div", { class: "stack" }, this._step, make("div", { class: "row" }, see));
+    this._accuracy = new Accuracy();
+    this._last = make("div", { class: "stack", hidden: true });
+    this._last.append(this._step, this._accuracy.element, make("div", { class: "row" }, see));
+    this._found = make("details", { open: true }, make("summary", {}, "This calibration"), this._list);
     this.element = make(
       "div",
       { class: "card", hidden: true },
       make("div", { class: "card-head" }, make("h2", {}, "Result"), this._verdict),
-      this._list,
-      make("div", { class: "row" }, this.apply, this.undo),
       this._last,
+      this._found,
+      make("div", { class: "row" }, this.apply, this.undo),
     );
   }
 
@@ -75,8 +79,13 @@ export class ResultCard {
     this.apply.hidden = this.undo.hidden = outcome === null;
     mark(this.apply, "disabled", !mayCommand || !isBefore || isApplied);
     mark(this.undo, "disabled", !mayCommand || !isApplied);
-    this._last.hidden = !isApplied;
+    if (this._last.hidden === isApplied) {
+      // What counts now is in front; the calibration is a part of it.
+      this._last.hidden = !isApplied;
+      this._found.open = !isApplied;
+    }
     if (probe && isApplied) {
+      this._accuracy.show(probe);
       say(this._step, lastStep(probe, isFresh));
     }
     const isGood = findings.every((/** @type {any} */ one) => one.verdict === "good");

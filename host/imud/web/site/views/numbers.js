@@ -6,6 +6,7 @@ import { make, mark, say } from "../dom.js";
 import { angle, fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { errorsOf } from "../model.js";
 import { heading, toAngles } from "../rotation.js";
+import { Accuracy } from "./accuracy.js";
 import { convention, conventionChoice } from "./convention.js";
 import { both, voidWords } from "./words.js";
 
@@ -14,6 +15,8 @@ import { both, voidWords } from "./words.js";
 /** @typedef {import("../link.js").Line} Line */
 
 const SIGMAS = 1.96; // 95 % of errors are within
+const LATE_US = 300e3; // an age above it is shown without being asked for
+const SLOW = 0.9; // so is a rate below this share of the wanted one
 
 /** A row: name, value with unit, error. */
 class Quantity {
@@ -87,7 +90,12 @@ export class Numbers {
     const choice = conventionChoice(() => {
       this._convention = convention();
     });
+    this._accuracy = new Accuracy();
+    this._front = make("dl", { class: "quantities" });
+    this._folded = make("dl", { class: "quantities" });
     const rows = (/** @type {Quantity[]} */ ...of) => of.map(({ row }) => row);
+    this._front.append(...rows(this._tip, this._stroke, this._closure, this._battery, this._radio, this._card));
+    this._folded.append(...rows(this._heading, this._rate, this._lost, this._age));
     this.element = make(
       "div",
       { class: "card numbers" },
@@ -99,12 +107,9 @@ export class Numbers {
       ),
       this._since,
       make("p", { class: "muted small" }, "± is one sigma: two thirds of true errors are smaller."),
-      make(
-        "dl",
-        { class: "quantities" },
-        ...rows(this._heading, this._tip, this._stroke, this._closure, this._rate),
-        ...rows(this._lost, this._age, this._battery, this._radio, this._card),
-      ),
+      this._accuracy.element,
+      this._front,
+      make("details", {}, make("summary", {}, "From north, rate, lost, age"), this._folded),
     );
   }
 
@@ -113,8 +118,10 @@ export class Numbers {
    * @param {import("../strokes.js").Strokes} strokes
    * @param {boolean} isStale
    */
-  show({ pose, status }, strokes, isStale) {
+  show(probe, strokes, isStale) {
+    const { pose, status } = probe;
     mark(this.element, "data-stale", isStale);
+    this._accuracy.show(probe);
     if (pose !== null) {
       this._pose(pose);
     } else {
@@ -123,6 +130,7 @@ export class Numbers {
     this._moved(strokes.last);
     this._closed(strokes.closing);
     this._age.show(micros(pose?.age_us), pose?.t_bound_us ? `±${micros(pose.t_bound_us)}` : "");
+    this._fold(this._age, (pose?.age_us ?? 0) < LATE_US);
     this._status(status);
   }
 
@@ -192,6 +200,18 @@ export class Numbers {
     mark(this._closure.row, "data-kind", closing.is_explained ? false : "warn");
   }
 
+  /**
+   * What is as it should be is folded away.
+   * @param {Quantity} quantity
+   * @param {boolean} isUsual
+   */
+  _fold({ row }, isUsual) {
+    const place = isUsual ? this._folded : this._front;
+    if (row.parentElement !== place) {
+      place.append(row);
+    }
+  }
+
   /** @param {Line | null} status */
   _status(status) {
     const ledger = status?.ledger;
@@ -200,6 +220,8 @@ export class Numbers {
     const lost = both(ledger, "lost");
     const sent = both(ledger, "sent");
     this._lost.show(whole(lost), sent ? `of ${whole(sent)}` : "");
+    this._fold(this._lost, lost === 0);
+    this._fold(this._rate, status?.state !== "streaming" || status.pose_rate_hz > SLOW * status.hello?.pose_rate);
     mark(this._lost.row, "data-kind", lost ? "warn" : false);
     const volts = equipment?.battery_v ?? null;
     const power = (equipment?.power ?? []).join(", ");
