@@ -179,6 +179,12 @@ def _add_export(commands: Commands) -> None:
         "OpenSim's (sto), BVH and C3D (default: %(default)s)",
     )
     export.add_argument(
+        "--fuse",
+        action="store_true",
+        help="compute poses of the raw samples, also of a foreign recording, as the "
+        "firmware does (20 samples a second and more), in the place of those logged",
+    )
+    export.add_argument(
         "--body",
         metavar="FILE",
         type=Path,
@@ -261,6 +267,8 @@ def _export(args: argparse.Namespace) -> int:
     if args.body is not None:
         from imud.recordings import body_export
 
+        if args.fuse:
+            raise ConfigError("--body computes what it needs: leave out --fuse")
         if args.to in ("parquet", "rosbag2"):
             raise ConfigError("a body is written as csv, sto, bvh or c3d; choose one")
         facing = None if args.facing is None else math.radians(90.0 - args.facing)
@@ -273,7 +281,7 @@ def _export(args: argparse.Namespace) -> int:
     if args.to == "rosbag2":
         from imud.recordings import rosbag
 
-        return rosbag.run(args.logs, args.out)
+        return rosbag.run(args.logs, args.out, is_fused=args.fuse)
     from imud.recordings import export
 
-    return export.run(args.logs, args.to, args.out)
+    return export.run(args.logs, args.to, args.out, is_fused=args.fuse)

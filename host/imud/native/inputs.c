@@ -47,6 +47,9 @@ static bool identity_of_hello(PyObject *content, struct sensor_identity *identit
                      hello->sensor);
         return false;
     }
+    if (hello->who_am_i[0] == 0) {  // it is not known which chip it was
+        identity->gyr_delay_us = identity->mag_lag_us = 0;
+    }
     if (hello->gyr_lsb > GYR_LSB_MAX || hello->acc_lsb > ACC_LSB_MAX ||
         hello->mag_lsb > MAG_LSB_MAX) {
         PyErr_SetString(PyExc_ValueError, "its scales are beyond those of any sensor");

@@ -69,7 +69,9 @@ def probe_of(probes: dict[str, Probe], probe_id: str) -> Probe:
     """
     if probe_id not in probes and len(probes) >= PROBES_MAX:
         probe_id = OTHERS
-    return probes.setdefault(probe_id, Probe(probe_id))
+    if probe_id not in probes:
+        probes[probe_id] = Probe(probe_id)
+    return probes[probe_id]
 
 
 def _is_kept(decoded: Message) -> bool:

@@ -139,13 +139,21 @@ def _described(
 
 
 def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    """The frames of a log, which hold all that the probes said.
+    for name, events in events_of_log(path, tally, salvage(path)):
+        yield from _described(events, tally, name)
+
+
+def events_of_log(
+    path: Path, tally: Tally, records: Iterable[LogHead | Logged | Damage]
+) -> Iterator[tuple[str, Iterable[Event]]]:
+    """What the frames of a log tell, which hold all that the probes said: names of
+    probes, and events. FileError for another schema.
 
     They passed the daemon's checks when they came; the same checks are made again.
     """
     sessions: dict[str, Session] = {}
     times: dict[bytes, Logged] = {}  # of frames that come later
-    for record in salvage(path):
+    for record in records:
         if isinstance(record, LogHead):
             _check_schema(path, record)
             continue
@@ -162,9 +170,9 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
             times[record.data] = record
             with tally.damage.heard(record.probe, probe.account):
                 events = session.receive_content(record.data, record.t_ns)
-            yield from _described(_dated(events, times), tally, record.probe)
+            yield record.probe, _dated(events, times)
     for name, session in sessions.items():
-        yield from _described(_dated(session.close(), times), tally, name)
+        yield name, _dated(session.close(), times)
 
 
 def _introduce(probe: Probe, hello: bytes) -> None:

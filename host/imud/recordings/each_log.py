@@ -12,6 +12,7 @@ from imud.log.parts import Damage
 from imud.log.reader import Logged, salvage, size_of
 from imud.progress import Progress
 from imud.recordings.damage import DamageCount
+from imud.recordings.fused import FusedLog
 from imud.recordings.source import log_of
 
 
@@ -32,18 +33,30 @@ def each_of(paths: Sequence[Path], export: Callable[[Path, Path], None]) -> int:
 
 
 def items_of(
-    path: Path, topics: Container[str], damage: DamageCount
+    path: Path,
+    topics: Container[str],
+    damage: DamageCount,
+    fused: FusedLog | None = None,
 ) -> Iterator[Logged]:
-    """The messages of a log on these topics; adds to `damage`. Shows the progress."""
+    """The messages of a log on these topics, with poses and strokes of `fused` in the
+    place of the log's; adds to `damage`. Shows the progress.
+    """
     bar = Progress("exporting", size_of(path))
     try:
-        for item in salvage(path, bar.update):
+        items = salvage(path, bar.update)
+        for item in fused.items(path, items) if fused else items:
             if isinstance(item, Damage):
                 damage.add(item)
             elif isinstance(item, Logged) and item.topic in topics:
                 yield item
     finally:
         bar.end()
+
+
+def tell_fused(fused: FusedLog | None) -> None:
+    """At the end of an export, what was computed."""
+    for name, poses in fused.probes.items() if fused else ():
+        sys.stdout.write(f"{name}: {poses.words()}\n")
 
 
 def tell_flaws(path: Path, strange: int, damage: DamageCount) -> None:

@@ -19,8 +19,10 @@ from imud.errors import FileError
 from imud.log.reader import Logged
 from imud.probes.signs import Signs
 from imud.recordings.damage import DamageCount
-from imud.recordings.each_log import each_of, items_of, tell_flaws
+from imud.recordings.each_log import each_of, items_of, tell_flaws, tell_fused
+from imud.recordings.fused import FusedLog
 from imud.rotation import Quat, angles_deg
+from imud.stages import COMPUTED
 
 # The columns of each topic, in order: a key of the JSON, or the parts of its value.
 _TIMES = (
@@ -263,17 +265,29 @@ def _kind(to: str) -> Callable[[Path, str], Table]:
     return ParquetTable
 
 
-def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
-    """Writes the tables of each log; returns 0.
+def run(
+    paths: Sequence[Path], to: str, out: Path | None, *, is_fused: bool = False
+) -> int:
+    """Writes the tables of each log, or those of what is computed of its raw samples;
+    returns 0.
 
     Raises FileError for logs that can't be exported or are damaged, after all are done.
     """
     make = _kind(to)
-    return each_of(paths, lambda log, by: _export(log, to, make, out or by))
+    return each_of(
+        paths,
+        lambda log, by: _export(
+            log, to, make, out or by, FusedLog() if is_fused else None
+        ),
+    )
 
 
 def _export(
-    path: Path, to: str, make: Callable[[Path, str], Table], directory: Path
+    path: Path,
+    to: str,
+    make: Callable[[Path, str], Table],
+    directory: Path,
+    fused: FusedLog | None,
 ) -> None:
     """Writes STEM-PROBE-TOPIC.csv or .parquet, and prints what each holds."""
     tables: dict[Path, Table] = {}
@@ -284,7 +298,7 @@ def _export(
     try:
         directory.mkdir(parents=True, exist_ok=True)
         try:
-            for item in items_of(path, COLUMNS, damage):
+            for item in items_of(path, COMPUTED if fused else COLUMNS, damage, fused):
                 fields = _fields_of(item)
                 if fields is None:
                     strange += 1
@@ -316,6 +330,7 @@ def _export(
         sys.stdout.write(f"{file}: {table.rows} rows\n")
     if not tables:
         sys.stdout.write(f"{path} has no messages for a table\n")
+    tell_fused(fused)
     tell_flaws(path, strange, damage)
 
 

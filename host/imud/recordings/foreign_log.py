@@ -35,6 +35,7 @@ RANGES = {"acc": 160.0, "gyr": 35.0, "mag": 400.0}
 LEAST_LSB = {"acc": 1e-6, "gyr": 1e-7, "mag": 1e-3}
 CLIPPED = {"acc": "acc_clipped", "gyr": "gyr_clipped"}
 HELLO_S = 1.0
+FIRST_US = 1000  # of the first row
 PAUSE_US = 1_800_000_000  # without a message
 REPEATED_MIN = 0.2  # a share of readings alike that no noise makes
 SAMPLES_MIN = 20
@@ -115,7 +116,7 @@ def read(path: Path, told: ForeignMap | None = None) -> Imported:
         raise FileError(
             f"{path}: {is_whole.sum()} samples are too few" + f"; {why}" * bool(why)
         )
-    t_us = np.rint(1e6 * (t_s[is_whole] - t_s[is_whole][0])).astype(np.int64) + 1000
+    t_us = np.rint(1e6 * (t_s[is_whole] - t_s[is_whole][0])).astype(np.int64) + FIRST_US
     vectors = acc[is_whole], gyr[is_whole], mag[is_whole]
     return Imported(t_us, *vectors, told, left_out, why, table.texts)
 

@@ -19,7 +19,8 @@ from imud.log.reader import METADATA_OF_PROBES, Logged, size_of
 from imud.probes.record import Record
 from imud.probes.references import SinceErrors
 from imud.recordings.damage import DamageCount
-from imud.recordings.each_log import each_of, items_of, tell_flaws
+from imud.recordings.each_log import each_of, items_of, tell_flaws, tell_fused
+from imud.recordings.fused import FusedLog
 from imud.ros2.topics import Topic
 from imud.sinks.ros2 import RosMessage, RosTranslator
 from imud.wire.params import digest_of
@@ -117,8 +118,9 @@ class Bag:
         self.count += 1
 
 
-def run(paths: Sequence[Path], out: Path | None) -> int:
-    """Writes a bag of each log, the folder STEM-rosbag2; returns 0. Raises FileError
+def run(paths: Sequence[Path], out: Path | None, *, is_fused: bool = False) -> int:
+    """Writes a bag of each log, the folder STEM-rosbag2, with poses of its raw samples
+    if `is_fused`; returns 0. Raises FileError
     for logs that can't be exported, after all others are done.
     """
     try:
@@ -127,10 +129,13 @@ def run(paths: Sequence[Path], out: Path | None) -> int:
         raise FileError(
             "writing bags needs rosbags: pip install 'imu-probe[rosbag2]'"
         ) from error
-    return each_of(paths, lambda log, by: _export(log, out or by))
+    return each_of(
+        paths,
+        lambda log, by: _export(log, out or by, FusedLog() if is_fused else None),
+    )
 
 
-def _export(path: Path, directory: Path) -> None:
+def _export(path: Path, directory: Path, fused: FusedLog | None) -> None:
     folder = directory / f"{path.stem}-rosbag2"
     if folder.exists():
         raise FileError(f"{folder} already exists; choose another folder with --out")
@@ -140,7 +145,7 @@ def _export(path: Path, directory: Path) -> None:
     size_of(path)  # no folder of what is no log
     try:
         with Bag(folder) as bag:
-            for item in items_of(path, {*TOPICS, HELLO, PARAMS}, damage):
+            for item in items_of(path, {*TOPICS, HELLO, PARAMS}, damage, fused):
                 probe = probes.setdefault(item.probe, ProbeInLog(item.probe))
                 if item.topic not in TOPICS:
                     probe.add(item)
@@ -159,4 +164,5 @@ def _export(path: Path, directory: Path) -> None:
         sys.stdout.write(f"{path} has no messages for ROS 2\n")
     else:
         sys.stdout.write(f"{folder}: {bag.count} messages\n")
+    tell_fused(fused)
     tell_flaws(path, strange, damage)

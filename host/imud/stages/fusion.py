@@ -10,6 +10,8 @@ sample after a loss gets the flag `gap`, as the probe would set it.
 A Nano has no room for strokes: it gets those of another board here. What its button
 does is its own affair but for `tell`, by which it does nothing else: then strokes last
 as long as it is held.
+
+Samples of other rates than the C's are brought to one of those (`resampled`).
 """
 
 from __future__ import annotations
@@ -27,13 +29,19 @@ from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
 from imud.stages import COMPUTED, InjectMessage, LogLine, SendCommands, StageResult
 from imud.stages.floats import is_in_floats
+from imud.stages.resampled import Resampler
 from imud.wire import schema
 from imud.wire.messages import Message, place_of
 
-FAILURE = "can't compute its poses: its raw samples are not available"
+FAILED = "can't compute its poses"
+FAILURE = f"{FAILED}: its raw samples are not available"
+
+# Poses a second of a probe that sends none itself.
+POSE_HZ = 100
 
 _BOARD = place_of("hello", "board")
 _FILTER = place_of("hello", "filter")
+_RATE = place_of("hello", "sample_rate")
 _FLAGS = place_of("raw", "sample_flags")
 
 
@@ -61,6 +69,8 @@ class FusionStage:
         self._hello: Message | None = None  # the last one that knows a sensor
         self._content = b""  # the same, with a filter and strokes
         self._is_nano = False
+        self._rate_hz = 0  # of its raw samples
+        self._resampler: Resampler | None = None
         self._replay: _core.Replay | None = None
         self.replaced: frozenset[str] = frozenset()
         self._own_us: int | None = None  # of its own last pose that was published
@@ -102,6 +112,16 @@ class FusionStage:
         self._is_nano = hello.fields["board"] == "nano"
         if self._is_nano:
             own[_BOARD] = bytes([schema.Board.F405])
+        rate_hz = _rate_of(hello)
+        if rate_hz != self._rate_hz:
+            self._rate_hz, self._replay = rate_hz, None
+            try:
+                self._resampler = Resampler(rate_hz)
+            except ValueError as error:
+                self._resampler = None
+                yield LogLine("failed", f"{FAILED}: {error}", is_warning=True)
+        if self._resampler is not None:
+            own[_RATE] = self._resampler.rate_hz.to_bytes(2, "little")
         self._hello, self._content = hello, bytes(own)
         if hello.fields["raw_rate"] != hello.fields["sample_rate"]:
             yield from self._ask()
@@ -126,13 +146,20 @@ class FusionStage:
             self._replay.restart(detail or int(schema.Filter.FUSE))
 
     def _on_raw(self, received: Received, records: bytes) -> Iterator[StageResult]:
-        hello = self._hello
-        if hello is None:
+        hello, resampler = self._hello, self._resampler
+        if hello is None or resampler is None:
             return
         if self._is_nano:
             records = with_strokes(records)
         if self._replay is None:
-            self._replay = _core.Replay(self._content, records)
+            try:
+                self._replay = _core.Replay(self._content, records)
+            except (
+                ValueError
+            ) as error:  # scales, or a sensor, that the C has no room for
+                self._resampler = None
+                yield LogLine("failed", f"{FAILED}: {error}", is_warning=True)
+                return
             self.replaced = COMPUTED
             yield LogLine(
                 "began", "its poses are computed on the host, from its raw samples"
@@ -148,20 +175,25 @@ class FusionStage:
             own = bytearray(content)
             own[_FLAGS.start] |= int(schema.SampleFlags.GAP)
             content = bytes(own)
-        self._replay.step(content)
         message = received.message
+        taken = resampler.add(message, content)
+        for each in taken:
+            self._replay.step(each)
+        if not taken:
+            return
         stroke = self._replay.stroke(message.sequence, message.time_us)
         if stroke is not None:
             yield InjectMessage(stroke)
-        if self._is_due(hello) and message.time_us != self._own_us:
+        if self._is_due(hello, resampler) and message.time_us != self._own_us:
             self._poses += 1
             pose = self._replay.pose(message.sequence, message.time_us)
             yield InjectMessage(pose)
 
-    def _is_due(self, hello: Message) -> bool:
+    def _is_due(self, hello: Message, resampler: Resampler) -> bool:
         """True `pose_rate` times a second, evenly, as core/probe/probe.c has it."""
-        rate_hz, of_hz = hello.fields["pose_rate"], hello.fields["sample_rate"]
-        if not isinstance(rate_hz, int) or not isinstance(of_hz, int):
+        rate_hz = hello.fields["pose_rate"] or POSE_HZ
+        of_hz = min(self._rate_hz, resampler.rate_hz)
+        if not isinstance(rate_hz, int):
             return False
         self._phase += min(rate_hz, of_hz)
         is_due = self._phase >= of_hz
@@ -173,3 +205,11 @@ class FusionStage:
 
     def closing_line(self) -> str:
         return f"{self._poses} poses computed on the host" if self._poses else ""
+
+
+def _rate_of(hello: Message) -> int:
+    """Raw samples a second that it sends, or would if it was asked."""
+    raw_hz, rate_hz = hello.fields["raw_rate"], hello.fields["sample_rate"]
+    if not isinstance(raw_hz, int) or not isinstance(rate_hz, int):
+        return 0
+    return min(raw_hz, rate_hz) or rate_hz
