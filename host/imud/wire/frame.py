@@ -46,13 +46,13 @@ class FrameDecoder:
 
     def feed(self, data: bytes) -> list[bytes]:
         """The content of each good frame that these bytes complete, without its CRC."""
-        before = self._counts()
+        before = self._decoder.stats()
         contents = self._decoder.feed(data)
         for content in contents:
             if content[0] == HELLO_ID:
                 speaks = kept.find(kept.fingerprint_of(content))
                 if speaks is not None and speaks is not self.speaks:
-                    self._before = before
+                    self._before += Counter(before)
                     self._begin(speaks)
                     contents = self._again(content, data)
                     break
