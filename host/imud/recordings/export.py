@@ -9,6 +9,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -226,30 +227,52 @@ def names_of(topic: str) -> list[str]:
 def row_of(topic: str, fields: Mapping[str, Any]) -> list[Cell]:
     """A row of a table. A value of an unexpected type counts as not available."""
     row: list[Cell] = []
-    for key, names in COLUMNS[topic].items():
+    for path, count, cell in _plan(topic):
         value: Any = fields
-        for part in key.split("."):
-            value = value.get(part) if isinstance(value, Mapping) else None
-        if len(names) == 1:
-            row.append(_cell(key, value))
-        elif isinstance(value, list) and len(value) == len(names):
-            row.extend(_cell(key, part) for part in value)
+        for part in path:
+            value = value.get(part) if isinstance(value, dict) else None
+        if count == 1:
+            row.append(cell(value))
+        elif isinstance(value, list) and len(value) == count:
+            row.extend(map(cell, value))
         else:
-            row.extend([None] * len(names))
+            row.extend([None] * count)
     return row
 
 
-def _cell(key: str, value: Any) -> Cell:
+@cache
+def _plan(topic: str) -> list[tuple[list[str], int, Callable[[Any], Cell]]]:
+    """Of each key of a table: where its value stands, its columns, and their kind."""
+    return [
+        (key.split("."), len(names), _cell_of(key))
+        for key, names in COLUMNS[topic].items()
+    ]
+
+
+def _cell_of(key: str) -> Callable[[Any], Cell]:
     if key in _WORDS:
-        if isinstance(value, list):
-            return inert(" ".join(map(str, value)))
-        return inert(value) if isinstance(value, str) else None
-    if isinstance(value, bool):
+        return _word
+    return _integer if key in _INTEGERS else _number
+
+
+def _word(value: Any) -> Cell:
+    if isinstance(value, list):
+        return inert(" ".join(map(str, value)))
+    return inert(value) if isinstance(value, str) else None
+
+
+def _integer(value: Any) -> Cell:
+    if not isinstance(value, int) or isinstance(value, bool):
         return None
-    if isinstance(value, int):
-        limit = _INT64 if key in _INTEGERS else _EXACT
-        return value if -limit <= value < limit else None
-    return value if isinstance(value, float) and key not in _INTEGERS else None
+    return value if -_INT64 <= value < _INT64 else None
+
+
+def _number(value: Any) -> Cell:
+    if isinstance(value, float):
+        return value
+    if not isinstance(value, int) or isinstance(value, bool):
+        return None
+    return value if -_EXACT <= value < _EXACT else None
 
 
 def _kind(to: str) -> Callable[[Path, str], Table]:
