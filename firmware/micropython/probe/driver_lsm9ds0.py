@@ -28,7 +28,8 @@ _GYR_MAX = const(28571)  # 2000 deg/s, 70 mdps each
 _ACC_MAX = const(21857)  # 16 g, 0.732 mg each
 _MAG_MAX = const(25000)  # 2 gauss, 0.08 mgauss each
 _HELD_MAX = const(4)  # samples: then the accelerometer stands still
-# Samples: 1 s without a field, and 10 s before one that was left out is used again.
+# Samples: 1 s without a field; 10 s, and as many for each of `_spoiled`, before a
+# magnetometer that was left out is used again.
 _SILENT = const(380)
 _ABSENT = const(3800)
 _LEFT_OUT = const(7)  # core/drivers/mag_watch.h
@@ -42,10 +43,7 @@ _START_US = const(800_000)
 _G = b"\xbf\x00\x08\xa0\x02"
 _XM = b"\x00\x9f\x60\x00\x00\xf4\x00\x00"
 
-
-# Bytes of a bus that nobody drives.
-_ONES = b"\xff\xff\xff\xff\xff\xff\xff\xff\xff"
-
+_ONES = b"\xff" * 9  # bytes of a bus that nobody drives
 _LOST = const(1000)  # of an OSError: with the cause, the sensor is lost
 
 
