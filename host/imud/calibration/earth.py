@@ -5,8 +5,12 @@ from __future__ import annotations
 
 import datetime
 from functools import cache
+from typing import Any
 
 import msgspec
+
+from imud.errors import ParamsError
+from imud.params.value import Params
 
 COEFFICIENTS = "wmm/WMM_2025.COF"  # good until the end of 2029; later it drifts slowly
 
@@ -14,6 +18,8 @@ COEFFICIENTS = "wmm/WMM_2025.COF"  # good until the end of 2029; later it drifts
 # magnetometer's own scale is known to some percent.
 NORM_SHARE = 0.12
 DIP_DEG = 5.0
+
+NOMINAL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # matrix of a sensor
 
 
 class Earth(msgspec.Struct, frozen=True):
@@ -58,3 +64,21 @@ def strangeness(earth: Earth, norm_ut: float, dip_deg: float) -> str | None:
         word = "steep" if abs(dip_deg) > abs(earth.dip_deg) else "flat"
         return f"the field is {abs(turned):.0f} degrees too {word}: iron nearby"
     return None
+
+
+def with_field(records: bytes, earth: Earth) -> bytes:
+    """Params with the field of the place, by which a filter recognises iron, unless a
+    calibration of the magnetometer states its errors, or they have it, or no room.
+    """
+    here = {"norm_uT": earth.norm_uT, "dip_deg": earth.dip_deg}
+    try:
+        params = Params.decode(records)
+        mag: dict[str, Any] | None = params.plain("mag")
+        mag = mag or {"bias_counts": (0.0,) * 3, "matrix": NOMINAL}
+        norm, dip = mag.get("norm_uT") or 0.0, mag.get("dip_deg") or 0.0
+        if mag.get("sigma_uT") is None and strangeness(earth, norm, dip):
+            params = params.replaced("mag", mag | here)
+        params.check()
+    except ParamsError:
+        return records
+    return params.encode()

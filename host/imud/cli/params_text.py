@@ -19,6 +19,7 @@ from imud.params.condition import TITLES
 from imud.params.file import ParamsFile
 from imud.params.parts import NAMES, kind_of
 from imud.params.value import SENSORS, Calibration, Params
+from imud.wire.params import calibrated_by
 
 # Units of a sensor's sigma and residual. A gyroscope's sigma is a share of the rate.
 UNITS = {"acc": ("m/s2", "m/s2"), "gyr": ("%", "rad"), "mag": ("uT", "uT")}
@@ -63,7 +64,10 @@ def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
         if calibration is None:
             yield from _titled(TITLES[name], ["not calibrated"])
         else:
-            yield from _titled(TITLES[name], _calibration_lines(name, calibration))
+            made, *lines = _calibration_lines(name, calibration)
+            is_made = name in calibrated_by(params.encode())
+            made = made if is_made else "not calibrated, but told its place"
+            yield from _titled(TITLES[name], [made, *lines])
     if own_field is not None:
         field = " ".join(f"{value:.2f}" for value in own_field["field_uT"])
         sure = f"1-sigma error {_with_unit(own_field['sigma_uT'], 'uT')}"

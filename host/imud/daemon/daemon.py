@@ -24,6 +24,7 @@ from imud.daemon.intake import Intake
 from imud.daemon.metrics import DaemonCounts, MetricsServer
 from imud.daemon.outputs import Outputs
 from imud.daemon.params_history import HistoryFiles
+from imud.daemon.registry import ProbeEntry
 from imud.daemon.selector import GatheringSelector
 from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
@@ -257,6 +258,8 @@ class Daemon:
                 failure = "it does not send its params"
                 order = SendCommands((("params_tell", {}),), failure)
                 self._begin_commands(entry.name, order)
+            for entry, records in self._intake.params.unplaced():
+                self._place(entry, records)
             self._notifier.alive()
             self._notifier.status(self._state())
             if loop.time() >= self._metrics_again_s:
@@ -273,6 +276,19 @@ class Daemon:
                         self._stream.dropped,
                     )
                 )
+
+    def _place(self, entry: ProbeEntry, records: bytes) -> None:
+        """Sends a probe the Earth's field of its place, or asks the user for it."""
+        text = (
+            "set latitude_deg and longitude_deg in [place] of the configuration, so "
+            "that it can tell the Earth's field from iron before it is calibrated"
+        )
+        if records:
+            text = "is sent the Earth's field of its place"
+            words = {"records": records.hex(), "probe": entry.probe.probe_id}
+            order = SendCommands((("params", words),), "its place can't be activated")
+            self._begin_commands(entry.name, order)
+        self._journal.write(("place", entry.name), f"probe {entry.name}: {text}")
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)

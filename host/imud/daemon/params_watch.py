@@ -9,6 +9,7 @@ import datetime
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from imud.calibration.earth import Earth, with_field
 from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.daemon.sensor_watch import is_working
@@ -22,6 +23,7 @@ from imud.params.condition import (
 )
 from imud.params.value import SENSORS, Params, payload_of
 from imud.probes.sensors import has_magnetometer
+from imud.wire.params import calibrated_by, parts_of
 
 PARAMS = "params"  # the topic
 
@@ -39,6 +41,8 @@ class ParamsWatch:
         self._publisher = publisher
         self._published: dict[ProbeEntry, int] = {}  # digests
         self._ask_s: dict[ProbeEntry, float] = {}  # when to ask
+        self._placed: dict[ProbeEntry, tuple[bytes, Earth | None]] = {}
+        self._has_asked = False
         self.keep: Keep = lambda *_: None
 
     def follow(self, entry: ProbeEntry, t_ns: int) -> None:
@@ -78,6 +82,29 @@ class ParamsWatch:
                 self._ask_s[entry] = now_s + ASK_S
                 yield entry
 
+    def unplaced(self) -> Iterator[tuple[ProbeEntry, bytes]]:
+        """Probes whose filter does not know the field of the place, each once, and the
+        params that state it; one, and none, if the configuration has no place.
+        """
+        for entry in self._registry:
+            records, earth = entry.probe.params, entry.earth
+            is_ready = entry.is_alive and not entry.commanding.locked()
+            if records is None or not is_ready:
+                continue
+            if not has_magnetometer(entry.probe.hello):
+                continue
+            before = self._placed.get(entry)
+            self._placed[entry] = records, earth
+            if before == (records, earth):
+                continue
+            if earth is not None:
+                located = with_field(records, earth)
+                if located != records:
+                    yield entry, located
+            elif not self._has_asked and "mag" not in parts_of(records):
+                self._has_asked = True
+                yield entry, b""
+
     def _publish(self, entry: ProbeEntry, records: bytes, t_ns: int) -> None:
         values = {"probe_id": entry.probe.probe_id, "t_ns": t_ns, **payload_of(records)}
         self._publisher.say(entry, PARAMS, values, t_ns)
@@ -103,7 +130,7 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     if cared_for and not has_magnetometer(entry.probe.hello):
         cared_for = {name: of for name, of in conditions.items() if name != "mag"}
     for name in SENSORS:
-        summed[name] = {"is_calibrated": described[name] is not None}
+        summed[name] = {"is_calibrated": name in calibrated_by(records)}
         summed[name]["condition"] = conditions[name].value
     if not entry.counters:  # its temperature comes with its first status
         unknown = Condition.UNKNOWN_TEMPERATURE

@@ -13,6 +13,7 @@ from imud.wire.messages import Message
 
 HEAD = 2  # bytes of a record before its content: tag, length
 SENSORS = ("acc", "gyr", "mag")  # records that calibrate
+FIELD_ONLY = (None, (0, 0, 0), (1, 0, 0, 0, 1, 0, 0, 0, 1))  # sigma, bias, matrix
 PART = 28  # bytes that a message of the probe tells
 WORD = 4  # bytes that a command writes
 SETS_MAX = 4  # unfinished sets whose parts are kept, the newest
@@ -78,7 +79,11 @@ def _values(fields: list[FieldCodec], content: bytes) -> dict[str, Value]:
 
 def calibrated_by(records: bytes) -> list[str]:
     """The sensors for which there is a calibration."""
-    return [name for name in parts_of(records) if name in SENSORS]
+    return [
+        name
+        for name, of in parts_of(records).items()
+        if name in SENSORS and (of["sigma"], of["bias"], of["matrix"]) != FIELD_ONLY
+    ]
 
 
 class ParamsParts:

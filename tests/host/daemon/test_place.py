@@ -12,17 +12,21 @@ import pytest
 
 from benchmarks.calibration.simulated import recorded
 from configured import running
-from fakes import PATIENCE_S, status_of
+from fakes import PATIENCE_S, FakeProbe, status_of
 from imud import rotation
-from imud.calibration.earth import Earth, earth_at, strangeness
+from imud.calibration.earth import Earth, earth_at, strangeness, with_field
 from imud.calibration.guided import whole
 from imud.calibration.guided.result import result_of_fit
 from imud.client import Client, subscribe
 from imud.config.reader import load
+from imud.config.settings import Config, PlaceSettings
+from imud.daemon.params_watch import ParamsWatch
+from imud.daemon.registry import Registry
 from imud.errors import ConfigError
-from imud.params.value import Params
+from imud.params.value import ROOM, Params, ParamsRecord
 from imud.probes.north import North
 from imud.virtual.calibrating import SCALE
+from imud.wire.params import calibrated_by
 from raw_probe import calibrating
 
 DAY = datetime.date(2026, 7, 2)
@@ -75,6 +79,44 @@ def test_the_place_gives_the_magnetometer_its_scale() -> None:
     assert away.params.mag.norm_ut == pytest.approx(fit.mag.norm_ut, abs=0.01)
 
 
+def test_the_place_is_stated_until_a_calibration_states_its_errors() -> None:
+    """Also after the probe was carried to another place, beside what else there is."""
+    tip = Params().replaced("tip", {"offset_m": (0.1, 0.0, 0.0), "method": "typed"})
+    records = with_field(tip.encode(), WARSAW)
+    here, sydney = Params.decode(records), Earth(57.0, -64.4, 12.6)
+    assert here.mag.norm_ut == pytest.approx(WARSAW.norm_uT, abs=0.01)
+    assert here.mag.dip_deg == pytest.approx(WARSAW.dip_deg, abs=0.01)
+    assert here.without("mag") == tip
+    assert calibrated_by(records) == []
+    assert with_field(records, WARSAW) == records
+    there = Params.decode(with_field(records, sydney))
+    assert there.mag.dip_deg == pytest.approx(-64.4, abs=0.01)
+    typed = here.plain("mag") | {"bias_counts": (9.0, 0.0, 0.0)}
+    assert calibrated_by(here.replaced("mag", typed).encode()) == ["mag"]
+    found = here.replaced("mag", typed | {"sigma_uT": 0.8, "norm_uT": None}).encode()
+    full = Params((ParamsRecord(200, bytes(ROOM - 8)),)).encode()
+    for other in (found, full, b"torn"):
+        assert with_field(other, sydney) == other
+
+
+def test_each_probe_is_sent_the_place_once_and_one_asks_for_it() -> None:
+    registry = Registry(Config())
+    watch = ParamsWatch(registry, None)  # type: ignore[arg-type]  # publishes nothing
+    for name in ("1" * 16, "2" * 16):
+        entry = registry.add(name)
+        entry.is_alive, entry.probe.params_digest = True, 0
+        entry.probe.hello = FakeProbe().hello_fields
+    first, other = registry
+    assert list(watch.unplaced()) == [(first, b"")]
+    assert list(watch.unplaced()) == []
+    registry.configure(
+        Config(place=PlaceSettings(latitude_deg=52.2, longitude_deg=21.0))
+    )
+    located = with_field(b"", first.earth)
+    assert list(watch.unplaced()) == [(first, located), (other, located)]
+    assert list(watch.unplaced()) == []
+
+
 def other_norm(earth: Earth) -> Earth:
     return Earth(30.0, earth.dip_deg, 0.0)
 
@@ -124,13 +166,17 @@ def test_a_daemon_publishes_true_north_and_the_field(tmp_path: Path) -> None:
         Client(daemon.endpoint) as client,
     ):
         client.wait_for(seconds=PATIENCE_S)
+        while not probe.params.records:  # the daemon sends the field
+            port.write(port.answers(probe))
         found = status_of(client)["place"]
         assert found["declination_deg"] == pytest.approx(7.0, abs=0.5)
         assert found["norm_uT"] == pytest.approx(50.6, abs=0.5)
+        sent = Params.decode(probe.params.records).mag
+        assert sent.norm_ut == pytest.approx(found["norm_uT"], abs=0.01)
         with subscribe(endpoint=daemon.endpoint) as poses:
             pose = None
             while pose is None:
-                port.write(probe.poses(1))
+                port.write(port.answers(probe) + probe.poses(1))
                 pose = poses.get(0.1)
     magnetic = rotation.angles_deg((0.5, 0.5, -0.5, 0.5), "nautical")
     assert pose.yaw_pitch_roll_deg[0] == pytest.approx(
