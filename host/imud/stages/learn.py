@@ -50,6 +50,7 @@ class LearnStage:
         self._fit: Future[Learned] | None = None
         self._proposal: Proposal | None = None
         self._reported_deg: float | None = None
+        self._refusal = ""  # that was reported last
 
     def configure(self, config: Config) -> None:
         if config.calibration.learn != self._mode:
@@ -94,6 +95,10 @@ class LearnStage:
             learner.end(learned)
             if learned.proposal is not None:
                 yield from self._report(learned.proposal, received)
+            elif learned.refusal != self._refusal:
+                self._refusal = learned.refusal
+                if learned.refusal:
+                    yield LogLine(Learned, f"learns nothing yet: {learned.refusal}")
         if received.message.name != "raw" or learner is None:
             return
         sample = _sample(received.message.fields, received.stamp.t_device_us)

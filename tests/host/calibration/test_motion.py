@@ -18,6 +18,7 @@ from imud.calibration.learned.learner import (
     BETTER,
     EVERY_S,
     SELDOM_S,
+    UNEVEN,
     WINDOW_S,
     Learned,
     Learner,
@@ -223,7 +224,11 @@ def with_magnet(found: tuple[Sample, ...], x_ut: float) -> tuple[Sample, ...]:
 
 
 @pytest.mark.parametrize("since_s", [10.0, 20.0])
-def test_a_magnet_put_on_spoils_only_what_was_before(since_s: float) -> None:
+def test_a_magnet_put_on_spoils_only_what_was_before(
+    since_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The module's soft iron is 2.7 sigmas, and 16 s are not many.
+    monkeypatch.setattr("imud.calibration.learned.learner.SOFT_MAX", 3.0)
     magnet_ut = 30.0
     middle = next(at for at, each in enumerate(used()) if each.t_us > since_s * 1e6)
     found = used()[:middle] + with_magnet(used()[middle:], magnet_ut)
@@ -280,6 +285,16 @@ def test_of_a_module_that_cannot_be_no_shorter_part_is_believed(
     learner = Learner(SCALE)
     assert worked(learner, used(80.0), b"").proposal is None
     assert lengths == [pytest.approx(WINDOW_S, rel=0.01)]
+
+
+def test_soft_iron_that_modules_rarely_have_is_believed_once_motion_shows_it() -> None:
+    """Of 2.7 sigmas here: an uneven field looks like that from few attitudes."""
+    assert worked(Learner(SCALE), used(), b"").proposal is not None
+    learner = Learner(SCALE)
+    for each in used(18.0):
+        learner.add(each)
+    short = learned_of(learner.begin(b""))
+    assert (short.proposal, short.refusal) == (None, UNEVEN)
 
 
 def test_records_that_cannot_be_read_teach_nothing() -> None:

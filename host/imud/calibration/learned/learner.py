@@ -51,6 +51,11 @@ HEADING_MAX_DEG = 7.0
 BETTER = 0.9
 # Beyond these it is no module of ours, or the motion was no motion of a hand.
 AWAY_MAX = 0.15  # of an entry of a matrix
+# Sigmas of its prior: more soft iron may be an uneven field, seen from few attitudes.
+# All attitudes leave less than this part of the prior's sigma within half a minute.
+SOFT_MAX = 2.5
+SOFT_SURE = 0.15
+UNEVEN = "its soft iron may be an uneven field; turn it every way in one place"
 REST_MAX_RAD_S = math.radians(2.0)  # error of a bias that only motion shows
 # Sigmas by which the own field differs from that of all samples where a magnet was put
 # on: 15 and more with 30 uT; in uneven rooms 3 at most.
@@ -91,6 +96,7 @@ class Learned:
     proposal: Proposal | None
     rest: RestRate | None
     since_us: int = 0  # device time; the samples before it do not fit
+    refusal: str = ""  # why what fits is not proposed
 
 
 @dataclass(slots=True)
@@ -166,6 +172,7 @@ def learned_of(work: Work) -> Learned:
     rest_step = (at.t_us - begin_us) / 1e6 / recording.step_s
     made = {"temperature_c": recording.temperature_c, "method": METHOD}
     whole: MotionFit | None = None
+    refusal = ""
     for start in _starts(calibrated):
         found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
         if found is not None and not _is_module(found):
@@ -174,6 +181,9 @@ def learned_of(work: Work) -> Learned:
             return Learned(None, rest)
         if start == 0:
             whole = found
+        if found is not None and not _is_even(found):
+            refusal = UNEVEN
+            continue
         if found is None or not _is_sound(found) or not _is_better(found, before):
             continue
         proposal = _proposal(found, base, before, scale, made)
@@ -181,7 +191,7 @@ def learned_of(work: Work) -> Learned:
             return Learned(proposal, rest)
         since_us = begin_us + round(start * recording.step_s * 1e6)
         return Learned(_with_filter_reset(proposal, at, scale), rest, since_us)
-    return Learned(None, rest)
+    return Learned(None, rest, refusal=refusal)
 
 
 def _rest_of(recording: SensorRecording, begin_us: int) -> RestRate | None:
@@ -258,6 +268,13 @@ def _is_sound(found: MotionFit) -> bool:
     readings from before are left out.
     """
     return _is_near(found.mag.matrix) and of_magnets(found.mag) is None
+
+
+def _is_even(found: MotionFit) -> bool:
+    """Whether what looks like soft iron is that of a module."""
+    most = float(np.abs(motion.soft_of(found.mag.matrix)).max())
+    prior = Priors().mag_soft
+    return most < SOFT_MAX * prior or found.soft_sigma < SOFT_SURE * prior
 
 
 def _is_magnetised(

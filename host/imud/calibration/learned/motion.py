@@ -318,6 +318,7 @@ class MotionFit:
     mag: MagFit
     tilt_deg: float  # one-sigma errors to expect, over all attitudes
     field_deg: float  # of heading: the magnetometer's part
+    soft_sigma: float  # of an entry of the soft iron, the least certain one
     arm_m: FloatArray  # from the pivot to the sensor, in the body
     force_m_s2: float  # what the mean force of an axis is off, robustly
 
@@ -472,6 +473,12 @@ def _lasting(readings: Rows, motion: MotionEquations) -> float:
     return math.sqrt(max(1.0, inflation / FIELD_ALIKE))
 
 
+def soft_of(matrix: FloatArray) -> FloatArray:
+    """The part of a magnetometer's matrix that soft iron makes, less its mean scale."""
+    even = (matrix + matrix.T) / 2.0
+    return np.asarray(even - np.eye(3) * np.trace(even) / 3.0)
+
+
 def _field_deg(mag: MagFit, covariance: FloatArray) -> float:
     """The rms error of heading over all attitudes that the magnetometer makes, by the
     covariance of its bias and matrix. A scale of all axes turns no heading.
@@ -510,8 +517,12 @@ def _found(
         readings.away,
         np.ones(len(readings.away)),
     )
-    field_deg = _field_deg(mag, covariance[MAG, MAG])
-    field_deg *= _excess(readings, motion) * _lasting(readings, motion)
+    inflation = _excess(readings, motion) * _lasting(readings, motion)
+    field_deg = inflation * _field_deg(mag, covariance[MAG, MAG])
+    shapes = np.array([soft_of(each) for each in np.eye(9).reshape(9, 3, 3)])
+    shapes = shapes.reshape(9, 9)
+    soft = np.diag(shapes.T @ covariance[MAG_MATRIX, MAG_MATRIX] @ shapes)
+    soft_sigma = inflation * math.sqrt(float(soft.max()))
     gyr = Affine(np.eye(3) + values[GYR_MATRIX].reshape(3, 3), np.zeros(3))
     return MotionFit(
         acc,
@@ -519,6 +530,7 @@ def _found(
         mag,
         tilt_errors(acc)[0],
         field_deg,
+        soft_sigma,
         values[ARM].copy(),
         max(FORCE_M_S2, float(np.median(acc.residual)) / MEDIAN),
     )
