@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from imud import rotation
+from imud.calibration.earth import Earth, with_field
 from imud.params.trusted import known_to, place_of
 from imud.rotation import FloatArray
 from imud.virtual.bodies import RigidBody
@@ -43,12 +44,14 @@ class Case:
     is_known: bool = True  # the sensors are calibrated
     from_s: float = 15.0  # poses count from here on
     colder_k: float = 0.0  # than its calibration
+    has_place: bool = False  # params state the place of an uncalibrated one
 
     @property
     def params(self) -> bytes:
         """As a guided calibration leaves them in this field; or none."""
         if not self.is_known:
-            return b""
+            here = Earth(**place_of(EARTH_UT), declination_deg=0.0)
+            return with_field(b"", here) if self.has_place else b""
         then_c = SAMPLES_C + self.colder_k
         return known_to(0.007, 0.05, temperature_c=then_c, **place_of(EARTH_UT))
 
@@ -114,8 +117,25 @@ def turning(seed: int, rate_deg_s: float) -> Motion:
     return on_desk(seed, 0.0, rate_deg_s, turned_s=30.0)
 
 
-def shifted(felt: Motion, bias_mg: Sequence[float]) -> Motion:
-    """With another offset of the accelerometer."""
+def in_car(seed: int, size_ut: int) -> Motion:
+    """Iron that turns with the probe, about the vertical only."""
+    felt = on_desk(seed, 5.0, 12.0, turned_s=60.0)
+    return replace(felt, mag=felt.mag + size_ut * direction(6, size_ut, seed))
+
+
+def blows(seed: int, g: float, ms: float, hz: float, *, in_hand: bool) -> Motion:
+    """Hard blows along an axis from 15 s on, and a tenth of it back for ten times as
+    long: without a mean.
+    """
+    felt = hand(seed) if in_hand else on_desk(seed, 5.0)
+    since_ms = 1000.0 * np.mod(np.arange(len(felt)) / felt.rate_hz, 1.0 / hz)
+    push = np.where(since_ms < ms, g, np.where(since_ms < 11.0 * ms, -g / 10.0, 0.0))
+    push[: round(15.0 * felt.rate_hz)] = 0.0
+    return shifted(felt, np.outer(1000.0 * push, np.eye(3)[seed // 2 % 3]))
+
+
+def shifted(felt: Motion, bias_mg: Sequence[float] | FloatArray) -> Motion:
+    """With another offset of the accelerometer, or one for each record."""
     return replace(felt, acc=felt.acc + MG * np.array(bias_mg))
 
 
@@ -173,6 +193,18 @@ def all_cases() -> Iterator[Case]:
     for rate in (0.5, 1.0, 3.0, 6.0, 12.0, 25.0):
         made = partial(turning, rate_deg_s=rate)
         yield from both("turning start", f"{rate:g} deg/s for 30 s", made, 50.0)
+    for size in (10, 30):
+        name, made = f"iron of a car, {size} uT", partial(in_car, size_ut=size)
+        yield from both("car", name, made, 20.0)
+        yield Case("car", f"{name}, place known", made, False, 20.0, has_place=True)
+    # The short ones end before a sample shows that they were clipped.
+    for g, ms, hz, in_hand in (
+        *((60.0, 10.0, 5.0, False), (60.0, 10.0, 2.0, True), (100.0, 8.0, 5.0, False)),
+        *((60.0, 2.0, 5.0, False), (12.0, 5.0, 10.0, True)),
+    ):
+        name = f"blows of {g:g} g and {ms:g} ms, {'in hand' if in_hand else 'lies'}"
+        made = partial(blows, g=g, ms=ms, hz=hz, in_hand=in_hand)
+        yield Case("blows", name, made, from_s=17.0)
     for away_k, bias_mg in ((30.0, (45, -30, 20)), (45.0, (50, 30, 100))):
         name = f"{away_k:.0f} K from calibration"
         made = partial(cold_lying, bias_mg=bias_mg)
