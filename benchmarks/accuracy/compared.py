@@ -110,6 +110,7 @@ class Summary:
         } | {
             "group": name,
             "count": self.count,
+            "varying": f"{self.scores[HOST].varying:.2f}",
             "worse": 100.0 * self.worse,
             "tilt in": f"{tilt:.0f}, {self.tilt_stated:.2f}",
             "heading in": f"{heading:.0f}, {self.heading_stated:.2f}",
@@ -121,6 +122,7 @@ COLUMNS = {
     "group": ("group", ""),
     "recordings": ("count", "d"),
     "heading, ours / VQF": ("heading", ""),
+    "ours, less its mean": ("varying", ""),
     "inclination, ours / VQF": ("inclination", ""),
     "worse, %": ("worse", ".0f"),
     "tilt in %, sigma/rms": ("tilt in", ""),

@@ -149,6 +149,7 @@ def figures(results: Sequence[Result]) -> Iterator[Figure]:
         name = "heading / VQF, disturbed group"
         yield ratio(name, heading, theirs.heading, 0.75, 0.50)
         yield degrees("heading, disturbed group, deg", heading, 1.40, 1.25)
+        yield degrees("heading less its mean, deg", mine.varying, 0.80, 0.75)
         both = Score.means([result.biased for result in results])
         name = "total / VQF, a magnet on the probe"
         yield ratio(name, both[HOST].total, both[VQF].total, 0.75, 0.55)
@@ -189,7 +190,7 @@ def of_images(results: Sequence[Result]) -> Iterator[Figure]:
 
 
 def tables_of(results: Sequence[Result], board: str) -> list[Table]:
-    """Total, heading and inclination errors, degrees rms, means over trials."""
+    """Score of each engine, means over trials."""
     means = {group: average(results, group) for group in GROUPS}
     counts = {group: sum(e.trial.is_in(group) for e in results) for group in GROUPS}
     names = [*results[0].scores]
@@ -216,11 +217,12 @@ def tables_of(results: Sequence[Result], board: str) -> list[Table]:
 
 
 TITLES = {
+    "guided": "the same, with the params of a guided calibration",
     VQF: "VQF in doubles",
     OFFLINE: "VQF offline, which also uses later samples",
     "ahrs-madgwick": "Madgwick (`ahrs`, gain 0.06)",
     "ahrs-mahony": "Mahony (`ahrs`, gain 0.2)",
-    "imufusion": "Fusion (`imufusion`, defaults)",
+    "imufusion": "Fusion (`imufusion` with its `Bias`, gain 0.1)",
     "complementary": "complementary, of a thesis",
     "mahony": "Mahony, as NECTEC's paper has it (Kp = 15)",
     "madgwick": "Madgwick",

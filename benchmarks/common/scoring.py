@@ -59,14 +59,16 @@ class Score:
     total: float
     heading: float
     inclination: float
+    varying: float = np.nan  # heading less its mean, as a zero of north is a convention
 
     def __str__(self) -> str:
-        return f"{self.total:.2f} / {self.heading:.2f} / {self.inclination:.2f}"
+        heading = f"{self.heading:.2f} ({self.varying:.2f})"
+        return f"{self.total:.2f} / {heading} / {self.inclination:.2f}"
 
     @staticmethod
     def mean(scores: Sequence[Score]) -> Score:
         """The plain mean over trials, whatever their lengths."""
-        rows = [(score.total, score.heading, score.inclination) for score in scores]
+        rows = [astuple(score) for score in scores]
         return Score(*np.mean(rows, axis=0).tolist())
 
     @staticmethod
@@ -109,6 +111,7 @@ class Errors:
     total: FloatArray
     heading: FloatArray
     inclination: FloatArray
+    turned: FloatArray  # the heading's, from -360 to 360
 
 
 def find_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Path]:
@@ -143,6 +146,7 @@ def errors(estimate: FloatArray, truth: FloatArray) -> Errors:
         total=np.degrees(2.0 * np.arctan2(np.hypot(np.hypot(x, y), z), np.abs(w))),
         heading=np.degrees(2.0 * np.arctan2(np.abs(z), np.abs(w))),
         inclination=np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))),
+        turned=np.degrees(2.0 * np.arctan2(z, w)),
     )
 
 
@@ -166,10 +170,12 @@ def score_at(times_s: FloatArray, estimate: FloatArray, truth: Motion) -> Score:
     """Scores estimates at any times; counts those next to a moving record."""
     moving = counted(times_s, truth)
     found = errors_at(times_s[moving], estimate[moving], truth)
+    turned = np.exp(1j * np.radians(found.turned))
+    varying = np.degrees(np.angle(turned / np.nanmean(turned)))
     return Score(
         *(
             float(np.sqrt(np.nanmean(angle**2)))
-            for angle in (found.total, found.heading, found.inclination)
+            for angle in (found.total, found.heading, found.inclination, varying)
         )
     )
 

@@ -25,7 +25,7 @@ def outcome(
     coverage: tuple[float, float] = (0.95, 0.94),
 ) -> Outcome:
     scores = {
-        "host": Score(1.0, heading, inclination),
+        "host": Score(1.0, heading, inclination, 0.25),
         "vqf": Score(2.5, 2.0, 1.0),
     }
     return Outcome(group, seed, scores, Coverage(*coverage, 0.0, 0.0, 0.25, 2.0))
@@ -61,6 +61,7 @@ def test_a_summary_is_of_the_means() -> None:
         "count": 2,
         "heading": "2.00 / 2.00 = 1.00",
         "inclination": "0.50 / 1.00 = 0.50",
+        "varying": "0.25",
         "worse": 50.0,
         "tilt in": "95, 0.50",
         "heading in": "94, 1.00",

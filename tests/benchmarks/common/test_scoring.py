@@ -46,6 +46,13 @@ def test_a_pose_is_compared_with_the_truth_of_its_own_moment() -> None:
     assert scoring.score_at(times, truth, made).total < 1e-6
     late = scoring.score_at(times + 0.02, truth, made)
     assert late.total > 0.3
+    north = rotation.multiply(turned(0.0, 0.0, 170.0), truth)
+    found = scoring.score_at(times, north, made)
+    assert (found.heading, found.varying) == pytest.approx((170.0, 0.0), abs=1e-6)
+    swings = np.where(np.arange(len(times)) % 2, 182.0, 176.0)
+    turns = rotation.from_rotation_vector(np.outer(np.radians(swings), [0.0, 0.0, 1.0]))
+    swung = scoring.score_at(times, rotation.multiply(turns, truth), made)
+    assert swung.varying == pytest.approx(3.0, abs=0.01)
 
 
 def test_only_movement_with_truth_counts() -> None:
