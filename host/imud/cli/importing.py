@@ -33,7 +33,8 @@ def add(commands: Commands) -> None:
         "file",
         metavar="FILE",
         type=Path,
-        help=".csv, .tsv, .txt, .npz, .parquet, .bag, or the folder of a ROS 2 bag",
+        help=".csv, .tsv, .txt (also packed, .gz), .npz, .parquet, .bag, or the folder "
+        "of a ROS 2 bag",
     )
     parser.add_argument(
         "--to", metavar="LOG", type=Path, help="the log (default: FILE.mcap beside it)"
@@ -55,6 +56,8 @@ def add(commands: Commands) -> None:
             "WHAT=AXES",
             "directions of the columns in the body frame, such as y,x,-z",
         ),
+        ("only", "COLUMN=VALUE", "rows of one device, where a table has several"),
+        ("topic", "TOPIC", "of a bag that has several of a kind"),
     ):
         parser.add_argument(
             f"--{option}", metavar=metavar, action="append", default=[], help=words
@@ -93,7 +96,12 @@ def _import(args: argparse.Namespace) -> int:
 def _told(args: argparse.Namespace) -> ForeignMap:
     from imud.recordings.foreign_map import ForeignMap, unit_of
 
-    told = ForeignMap(rate_hz=args.rate)
+    told = ForeignMap(rate_hz=args.rate, topics=tuple(args.topic))
+    for text in args.only:
+        column, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"--only {text}: write a column, then = and its value")
+        told.only[column] = value
     for name, text in _pairs(args.map, "map"):
         columns = tuple(column.strip() for column in text.split(","))
         wanted = 1 if name == "time" else 3

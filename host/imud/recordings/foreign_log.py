@@ -96,8 +96,8 @@ class Imported:
 
 def read(path: Path, told: ForeignMap | None = None) -> Imported:
     """A foreign recording. FileError with what is wrong, or has to be told."""
-    table = foreign_table.read(path)
     told = told or ForeignMap()
+    table = foreign_table.read(path, told.only, told.topics)
     t_s = foreign_map.completed(table, told)
     acc, gyr = (foreign_map.vector(table, told, name) for name in ("acc", "gyr"))
     mag = np.full_like(acc, np.nan)

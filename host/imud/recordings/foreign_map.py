@@ -68,13 +68,15 @@ SMOOTH_S = 0.3  # over which force is averaged to see gravity turn
 class ForeignMap:
     """The mapping as given, then completed by guesses. `units`: of acc, gyr, mag, time,
     by what one of them is in SI units and uT. `axes`: as "x,-z,y", where they point in
-    the body.
+    the body. `only`: what columns hold in the rows that are read.
     """
 
     columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
     units: dict[str, float] = field(default_factory=dict)
     axes: dict[str, str] = field(default_factory=dict)
     rate_hz: float | None = None
+    only: dict[str, str] = field(default_factory=dict)
+    topics: tuple[str, ...] = ()  # of a bag that are read; empty: any
     named: dict[str, str] = field(default_factory=dict)  # units, in words
     note: str = ""  # on the times
     guessed: set[str] = field(default_factory=set)

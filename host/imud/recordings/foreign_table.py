@@ -9,13 +9,23 @@ import unicodedata
 import zipfile
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from imud.errors import FileError, reason
-from imud.recordings.foreign_text import UTF16, ForeignTable, read_text
+from imud.recordings.foreign_text import (
+    UNPACKED_MAX,
+    UNPACKED_TIMES,
+    UTF16,
+    ForeignTable,
+    is_alike,
+    is_packed,
+    opened,
+    read_text,
+)
 from imud.rotation import FloatArray
 from imud.virtual.npz import arrays_of
 
@@ -25,8 +35,6 @@ BAG = "metadata.yaml"  # in the folder of a bag of ROS 2
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
 
-# Bytes that a packed file may become, and times its own size besides.
-UNPACKED_MAX, UNPACKED_TIMES = 64_000_000, 16
 HEAD = 4096  # bytes by which a text is known
 
 
@@ -34,29 +42,48 @@ def is_foreign(path: Path) -> bool:
     """Whether a file, or a folder, is one of these. What a UART said has zeros in it,
     and so is no text.
     """
-    if path.suffix.lower() not in TEXTS:
+    inner = path.with_suffix("") if is_packed(path) else path
+    if inner.suffix.lower() not in TEXTS:
         return path.suffix.lower() in KINDS or (path / BAG).is_file()
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             head = file.read(HEAD)
             return head[:2] in UTF16 or b"\0" not in head
     except OSError:
         return False
 
 
-def read(path: Path) -> ForeignTable:
-    """FileError with what is wrong."""
+def read(
+    path: Path, only: Mapping[str, str] | None = None, topics: tuple[str, ...] = ()
+) -> ForeignTable:
+    """The rows whose columns hold what `only` says; `topics`: those of a bag that are
+    read, empty: any. FileError with what is wrong.
+    """
+    only = only or {}
     suffix = path.suffix.lower()
     try:
         if suffix in (".bag", ".db3", ".mcap") or (path / "metadata.yaml").exists():
-            return _bag(path)
-        if suffix == ".npz":
-            return _flat(path, _npz(path))
-        if suffix == ".parquet":
-            return _parquet(path)
-        return read_text(path)
+            return _bag(path, topics)
+        if suffix in (".npz", ".parquet"):
+            flat = _flat(path, _npz(path)) if suffix == ".npz" else _parquet(path)
+            return _chosen(path, flat, only)
+        return read_text(path, only)
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror or error}") from error
+
+
+def _chosen(path: Path, table: ForeignTable, only: Mapping[str, str]) -> ForeignTable:
+    """Its rows that hold what `only` says. FileError if there are none."""
+    is_it = np.ones(len(table), bool)
+    for name, wanted in only.items():
+        if name not in table.columns:
+            there = ", ".join(table.columns)
+            raise FileError(f"{path} has no column of numbers {name}: {there}")
+        is_it &= [is_alike(str(cell), wanted) for cell in table.columns[name].tolist()]
+    if not is_it.any():
+        raise FileError(f"{path}: --only fits no row")
+    columns = {name: column[is_it] for name, column in table.columns.items()}
+    return replace(table, columns=columns)
 
 
 def _npz(path: Path) -> dict[str, Any]:
@@ -149,7 +176,7 @@ def _flat(
     return ForeignTable(found, in_seconds=frozenset(clocks), texts=texts)
 
 
-def _bag(path: Path) -> ForeignTable:
+def _bag(path: Path, topics: tuple[str, ...]) -> ForeignTable:
     """The topics with sensor_msgs/Imu and sensor_msgs/MagneticField, if there is one of
     each.
     """
@@ -161,7 +188,14 @@ def _bag(path: Path) -> ForeignTable:
         ) from error
     try:
         with AnyReader([path]) as reader:
-            wanted = [*_only(path, reader, IMU), *_only(path, reader, FIELD)]
+            if strange := {*topics} - {each.topic for each in reader.connections}:
+                names = ", ".join(sorted(reader.topics))
+                raise FileError(f"{path} has no topic {min(strange)}: {names}")
+            wanted = [
+                each
+                for kind in (IMU, FIELD)
+                for each in _of_kind(path, reader, kind, topics)
+            ]
             if not any(each.msgtype == IMU for each in wanted):
                 there = sorted(f"{e.topic} ({e.msgtype})" for e in reader.connections)
                 raise FileError(
@@ -185,12 +219,17 @@ def _bag(path: Path) -> ForeignTable:
     return ForeignTable(_beside(np.array(moved), np.array(fields)), is_known=True)
 
 
-def _only(path: Path, reader: Any, kind: str) -> list[Any]:
-    """The connections of the one topic of a kind, or none."""
+def _of_kind(path: Path, reader: Any, kind: str, topics: tuple[str, ...]) -> list[Any]:
+    """The connections of the one topic of a kind, the named one if there are several,
+    or none.
+    """
     found = [each for each in reader.connections if each.msgtype == kind]
+    found = [each for each in found if each.topic in topics] or found
     if len({each.topic for each in found}) > 1:
-        topics = ", ".join(sorted({each.topic for each in found}))
-        raise FileError(f"{path} has several topics of {kind}: {topics}")
+        there = ", ".join(sorted({each.topic for each in found}))
+        raise FileError(
+            f"{path} has several topics of {kind}: choose one with --topic: {there}"
+        )
     return found
 
 

@@ -11,14 +11,17 @@ import codecs
 import contextlib
 import csv
 import datetime
+import gzip
 import itertools
 import math
 import re
+import zlib
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
@@ -31,8 +34,11 @@ HEAD = 200  # lines by which the form is found: names, and rows below
 SAMPLE = 50  # of them, the last ones, which are rows
 MISSING = frozenset({"", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"})
 ESCAPED = "surrogateescape"  # bytes that are no UTF-8 stay
+OTHERS_MAX = 8  # values of others that are named
 UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 EPOCH = datetime.date(1970, 1, 1).toordinal()
+# Bytes that a packed file may become, and times its own size besides.
+UNPACKED_MAX, UNPACKED_TIMES = 64_000_000, 16
 CLOCK = re.compile(
     r"(?:(\d{4})[-/](\d\d?)[-/](\d\d?)[T ]+)?(\d\d?):(\d\d):(\d\d(?:[.,:]\d*)?)"
     r" ?([ap]m)? ?(?:z|utc|([+-]\d\d):?(\d\d))?",
@@ -81,27 +87,93 @@ FORMS = (
 )
 
 
-def read_text(path: Path) -> ForeignTable:
-    """FileError with what is wrong; OSError."""
-    with path.open("rb") as file:
-        is_wide = file.read(2) in UTF16
-    encoding, errors = ("utf-16", "replace") if is_wide else ("utf-8-sig", ESCAPED)
-    with path.open(encoding=encoding, errors=errors) as opened:
-        lines = _lines(path, iter(lambda: opened.readline(LINE_MAX + 1), ""))
-        head = list(itertools.islice(lines, HEAD))
-        form = max(FORMS, key=lambda form: _count_numbers(form, head))
-        layout = _layout(path, form, head)
-        return _table(layout, itertools.chain(head[layout.first :], lines))
+def opened(path: Path, mode: str = "rb", **how: Any) -> IO[Any]:
+    """A file, or what is packed in it; OSError, later also EOFError or zlib.error."""
+    open_it: Any = gzip.open if is_packed(path) else Path.open
+    file: IO[Any] = open_it(path, mode, **how)
+    return file
+
+
+def is_packed(path: Path) -> bool:
+    return path.suffix.lower() == ".gz"
+
+
+def read_text(path: Path, only: Mapping[str, str]) -> ForeignTable:
+    """The rows whose columns hold what `only` says. FileError with what is wrong;
+    OSError.
+    """
+    try:
+        with opened(path) as file:
+            is_wide = file.read(2) in UTF16
+        encoding, errors = ("utf-16", "replace") if is_wide else ("utf-8-sig", ESCAPED)
+        with opened(path, "rt", encoding=encoding, errors=errors) as file:
+            lines = _lines(path, iter(lambda: file.readline(LINE_MAX + 1), ""))
+            head = list(itertools.islice(lines, HEAD))
+            form = max(FORMS, key=lambda form: _count_numbers(form, head))
+            layout = _layout(path, form, head)
+            rest = itertools.chain(head[layout.first :], lines)
+            return _table(layout, rest, _Choice.of(path, layout.names, only))
+    except (EOFError, zlib.error) as error:
+        raise FileError(f"{path}: not a whole .gz: {error}") from error
 
 
 def _lines(path: Path, file: Iterable[str]) -> Iterator[tuple[int, str]]:
     """Numbered, without empty lines and the zeros that a power cut leaves."""
+    room: float = UNPACKED_MAX + UNPACKED_TIMES * path.stat().st_size
     for number, line in enumerate(file, start=1):
+        room -= len(line) if is_packed(path) else 0
         text = line.strip("\0\r\n")
         if len(text) > LINE_MAX:
             raise FileError(f"{path}:{number}: longer than {LINE_MAX} characters")
+        if room < 0:
+            raise FileError(f"{path} unpacks to too much: unpack it yourself")
         if text.strip():
             yield number, text
+
+
+class _Choice:
+    """The rows of one device among several."""
+
+    def __init__(self, path: Path, wanted: Mapping[int, str]) -> None:
+        self._path, self._wanted = path, wanted
+        self._others: set[str] = set()
+        self._has_any = not wanted
+
+    @staticmethod
+    def of(path: Path, names: list[str], only: Mapping[str, str]) -> _Choice:
+        """FileError for a column that is not there."""
+        for name in only:
+            if name not in names:
+                raise FileError(f"{path} has no column {name}: {', '.join(names)}")
+        return _Choice(path, {names.index(name): only[name] for name in only})
+
+    @property
+    def columns(self) -> Set[int]:
+        """Those that choose, which are not read besides."""
+        return self._wanted.keys()
+
+    def takes(self, cells: list[str]) -> bool:
+        if not self._wanted:
+            return True
+        found = [cells[at] if at < len(cells) else "" for at in self._wanted]
+        is_it = all(map(is_alike, found, self._wanted.values()))
+        self._has_any |= is_it
+        if not is_it and len(self._others) < OTHERS_MAX:
+            self._others.add("=".join(found))
+        return is_it
+
+    def check(self) -> None:
+        """FileError if no row was taken."""
+        if not self._has_any:
+            others = ", ".join(sorted(self._others))
+            raise FileError(f"{self._path}: --only fits no row; there are {others}")
+
+
+def is_alike(cell: str, wanted: str) -> bool:
+    """The same text, or number."""
+    with contextlib.suppress(ValueError):
+        return cell == wanted or float(cell) == float(wanted)
+    return False
 
 
 def _count_numbers(form: _Form, head: list[tuple[int, str]]) -> int:
@@ -207,12 +279,15 @@ def _distinct(names: list[str]) -> list[str]:
 
 
 def _uneven(
-    layout: _Layout, lines: Iterator[tuple[int, str]], table: array[float]
+    layout: _Layout,
+    lines: Iterator[tuple[int, str]],
+    table: array[float],
+    choice: _Choice,
 ) -> Iterator[tuple[int, str]]:
     """The lines that have to be read one by one. All blocks of plain numbers go to the
     table at once: ten times as fast.
     """
-    is_plain = not layout.texts and not layout.form.has_decimal_comma
+    is_plain = not (layout.texts or layout.form.has_decimal_comma or choice.columns)
     while block := list(itertools.islice(lines, BLOCK)):
         if not is_plain:
             yield from block
@@ -230,12 +305,16 @@ def _uneven(
         yield from block
 
 
-def _table(layout: _Layout, lines: Iterable[tuple[int, str]]) -> ForeignTable:
+def _table(
+    layout: _Layout, lines: Iterable[tuple[int, str]], choice: _Choice
+) -> ForeignTable:
     width = len(layout.names)
-    wanted = [at for at in range(width) if at not in layout.texts]
+    wanted = [at for at in range(width) if at not in (layout.texts | choice.columns)]
     table, unread, why, clocks = array("d"), 0, "", set[int]()
-    for number, line in _uneven(layout, iter(lines), table):
+    for number, line in _uneven(layout, iter(lines), table, choice):
         cells = _trimmed(layout.form.cells(line), width)
+        if not choice.takes(cells):
+            continue
         values = [cells[at] for at in wanted if at < len(cells)]
         try:
             row = list(map(float, values))
@@ -253,6 +332,7 @@ def _table(layout: _Layout, lines: Iterable[tuple[int, str]]) -> ForeignTable:
             continue
         unread += 1
         why = why or f"line {number}: {len(cells)} columns, not {width}"
+    choice.check()
     rows = np.frombuffer(table).reshape(-1, len(wanted)).T
     names = [layout.names[at] for at in wanted]
     return ForeignTable(

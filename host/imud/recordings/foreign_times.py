@@ -57,7 +57,7 @@ def _check(name: str, t: FloatArray, places: np.ndarray, unit_s: float) -> None:
     if (steps == 0.0).mean() > SHARED_MAX:
         raise FileError(
             f"{name}: several rows share each time: pass --rate {rate} if they are "
-            "evenly spaced, or split the file if they are of several sensors"
+            "evenly spaced, or --only COLUMN=VALUE if they are of several sensors"
         )
     behind = np.maximum.accumulate(t)[:-1] - t[1:]
     late = np.convolve(behind > 0.0, np.ones(LATE_ROWS + 1), "valid") > LATE_ROWS

@@ -5,6 +5,7 @@ comes of it is a log like any other.
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
 import struct
@@ -22,7 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from imud import cli
 from imud.errors import FileError
-from imud.recordings import foreign_log, motions
+from imud.recordings import foreign_log, foreign_text, motions
 from imud.recordings.foreign_map import ForeignMap, unit_of
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE
@@ -212,9 +213,14 @@ def test_a_bag_of_ros_is_read(tmp_path: Path) -> None:
                 reading = types[kinds[1]](head, vector(*(1e-6 * mag[at])), none)
                 writer.write(field, t_ns, store.serialize_cdr(reading, kinds[1]))
     with Writer(tmp_path / "other", version=9) as writer:
-        writer.add_connection("/field", kinds[1], typestore=store)
-    with pytest.raises(FileError, match=r"no topic of .*Imu; it has /field"):
+        for topic in ("/field", "/other_field"):
+            writer.add_connection(topic, kinds[1], typestore=store)
+    with pytest.raises(FileError, match=r"--topic: /field, /other_field"):
         foreign_log.read(tmp_path / "other")
+    with pytest.raises(FileError, match=r"no topic /fields: /field, /other_field"):
+        foreign_log.read(tmp_path / "other", ForeignMap(topics=("/fields",)))
+    with pytest.raises(FileError, match=r"no topic of .*Imu; it has /field"):
+        foreign_log.read(tmp_path / "other", ForeignMap(topics=("/field",)))
     (alone,) = path.glob("*.db3")
     found = foreign_log.read(alone)
     assert np.abs(found.acc - acc).max() < 1e-9
@@ -269,6 +275,54 @@ def test_what_cannot_be_read_says_what_to_tell(
     line = capsys.readouterr().err
     assert why in line
     assert line.count("\n") == 1
+
+
+def test_of_several_devices_one_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # What two devices wrote in turns, one of them upside down, and packed.
+    both = [f"{name},{row}" for row in ROWS for name in ("7", "left")]
+    both[1::2] = [row.replace(",1,", ",-1,") for row in both[1::2]]
+    packed = tmp_path / "a.csv.gz"
+    with gzip.open(packed, "wt") as file:
+        file.write(lines(f"device,{NAMED}", *both))
+    for value, force in (("left", -G), ("7.0", G)):
+        words = ["import", str(packed), "--only", f"device={value}", "--to"]
+        assert cli.main([*words, str(tmp_path / f"{value}.mcap")]) == 0
+        found = foreign_log.read(packed, ForeignMap(only={"device": value}))
+        assert len(found.t_us) == len(ROWS)
+        assert found.acc[:, 2] == pytest.approx(force)
+    capsys.readouterr()
+    for words, why in (
+        (["device=right"], "fits no row; there are 7, left"),
+        (["name=left"], "has no column name: device, time_s"),
+        (["left"], "write a column, then ="),
+    ):
+        assert cli.main(["import", str(packed), "--only", *words]) == 1
+        assert why in capsys.readouterr().err
+    arrays = tmp_path / "b.npz"
+    rows = np.array([[float(cell) for cell in row.split(",")] for row in ROWS])
+    names = NAMED.split(",")
+    np.savez(arrays, **dict(zip(names, rows.T, strict=True)), part=np.arange(100) // 50)
+    found = foreign_log.read(arrays, ForeignMap(only={"part": "1"}))
+    assert found.acc[:, 1] == pytest.approx(rows[50:, 2] * G, abs=1e-6)
+    with pytest.raises(FileError, match="--only fits no row"):
+        foreign_log.read(arrays, ForeignMap(only={"part": "2"}))
+
+
+def test_a_packed_file_is_whole_and_not_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packed = gzip.compress(lines(NAMED, *ROWS).encode())
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(packed[:-20])
+    with pytest.raises(FileError, match=r"not a whole .gz"):
+        foreign_log.read(path)
+    path.write_bytes(packed)
+    assert len(foreign_log.read(path).t_us) == len(ROWS)
+    monkeypatch.setattr(foreign_text, "UNPACKED_MAX", -13 * len(packed))
+    with pytest.raises(FileError, match="unpacks to too much"):
+        foreign_log.read(path)
 
 
 @pytest.mark.parametrize(
