@@ -112,19 +112,21 @@ class Schema:
 
     @property
     def canonical(self) -> str:
-        """All that gives the bytes their meaning, and nothing else (PROTOCOL.md)."""
+        """All that gives the bytes of messages their meaning, and nothing else
+        (PROTOCOL.md).
+        """
         lines = [f"version {self.version}"]
+        fields = [field for message in self.messages for field in message.fields]
+        parts = {part.enum for record in self.records for part in record.parts}
+        only_parts = parts - {field.enum for field in fields}
         for kind, groups in (("enum", self.enums), ("flags", self.flags)):
-            for group in sorted(groups):
+            for group in sorted(groups.keys() - only_parts):
                 members = sorted(groups[group].items(), key=lambda item: item[1])
                 words = (f"{name}={value}" for name, value in members)
                 lines.append(" ".join([kind, group, *words]))
         for message in sorted(self.messages, key=lambda message: message.id):
             lines.append(f"message {message.name} {message.id}")
             lines += map(canonical_field, message.fields)
-        for record in sorted(self.records, key=lambda record: record.tag):
-            lines.append(f"record {record.name} {record.tag}")
-            lines += map(canonical_field, record.parts)
         return "".join(f"{line}\n" for line in lines)
 
     @property

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -327,6 +329,24 @@ def test_a_reference_waits_for_the_first_sample():
     change(bench, options(0, 1))
     bench.command(lib.COMMAND_START)
     assert lib.EVENT_TARED not in [event for event, _, _ in bench.events()]
+
+
+def test_a_press_that_measures_nothing_is_told_and_shown_and_is_no_click():
+    bench = Bench().find_sensor()
+    change(bench, options(lib.BUTTON_DOES_STROKE, 0))
+    for _ in range(3):  # while it calibrates, and nothing streams
+        bench.is_down = True
+        bench.run(0.7)
+        bench.is_down = False
+        bench.run(0.1)
+    ends = [told.fields["end"] for told in bench.of("stroke")]
+    assert ends == [lib.STROKE_END_NO_REST] * 3
+    assert lib.EVENT_STREAM_STARTED not in [event for event, _, _ in bench.events()]
+    light = [lib.probe_led(bench.c, ms * 1000) for ms in range(1000)]
+    assert sum(a != b for a, b in itertools.pairwise(light)) in (19, 20)
+    bench.run(2)
+    light = [lib.probe_led(bench.c, ms * 1000) for ms in range(1000)]
+    assert sum(a != b for a, b in itertools.pairwise(light)) < 12
 
 
 def test_a_button_that_only_tells_leaves_the_stream_alone():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from core import stroke_desk as desk
-from core.desk import lib
+from core.desk import ffi, lib
 from core.stroke_desk import MICRO, NULL, SIGMA, Measured, Tracker, ends, names
 from imud.virtual.stroking import A4, Plan
 
@@ -196,6 +196,80 @@ def test_a_release_that_bounces_does_not_end_the_stroke(single: Measured) -> Non
     strokes, _ = tracker.feel(single.samples, held)
     assert names(strokes) == [BUTTON]
     assert np.linalg.norm(desk.errors(tracker, single, strokes)) < 0.006
+
+
+# Presses that measure nothing say why.
+
+
+def held_for(count: int, *spans: tuple[int, int]) -> np.ndarray:
+    held = np.zeros(count, bool)
+    for begin, end in spans:
+        held[begin:end] = True
+    return held
+
+
+def test_each_press_before_the_first_rest_says_so_and_a_click_does_not(
+    single: Measured,
+) -> None:
+    never = single.samples[:1200].copy()
+    never["gyr"] += np.arange(1200)[:, None] % 400 * 20  # it is never at rest
+    presses = [(at, at + 104) for at in range(10, 1100, 140)]
+    tracker = Tracker(is_by_button=True)
+    strokes, after = tracker.feel(never, held_for(1200, *presses, (1180, 1200)))
+    assert names(strokes) == [lib.STROKE_END_NO_REST] * len(presses)
+    assert strokes["stroke"].tolist() == list(range(1, len(presses) + 1))
+    assert (strokes["displacement"] == NULL).all()
+    assert (strokes["path"] == NULL).all()
+    assert (strokes["windows"] == 0).all()
+    # Each while it is held, when the stroke would have begun.
+    for told, (begin, end) in zip(after, presses, strict=True):
+        assert begin + 80 <= told < end
+
+
+def test_a_press_at_which_samples_are_missing_says_so(single: Measured) -> None:
+    samples = single.samples.copy()
+    begin = at(single, -0.2)
+    samples["has_gap"][begin : begin + 120] = True
+    held = held_for(len(samples), (begin, begin + 120))
+    strokes, _ = Tracker(is_by_button=True).feel(samples, held)
+    assert names(strokes) == [lib.STROKE_END_GAP]
+
+
+@pytest.mark.parametrize("pause", [0.12, 0.2])
+def test_presses_that_are_too_near_are_told_apart(
+    single: Measured, pause: float
+) -> None:
+    held = single.held()
+    held[at(single, 0.5) : at(single, 0.5 + pause)] = False
+    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    first, second = ends(strokes)
+    assert first["end"] == lib.STROKE_END_TOO_NEAR
+    assert (first["displacement"] == NULL).all()
+    assert (first["stroke"], second["stroke"]) == (1, 2)
+
+
+def test_a_press_that_is_let_go_at_once_after_a_stroke_starts_none(
+    single: Measured,
+) -> None:
+    held = single.held()
+    held[at(single, 0.5) :] = False
+    held[at(single, 0.65) : at(single, 0.7)] = True
+    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    assert names(strokes) == [lib.STROKE_END_TOO_NEAR]
+
+
+def test_a_filter_without_strokes_and_other_params_say_so(single: Measured) -> None:
+    tracker = Tracker(is_by_button=True)
+    half = at(single, 0.5)
+    tracker.feel(single.samples[:half], single.held()[:half])
+    lib.pose_set_tip(tracker.c, ffi.addressof(tracker.c.tip), False)
+    strokes, _ = tracker.feel(single.samples[half : half + 1])
+    assert names(strokes) == [lib.STROKE_END_CHANGED]
+    other = Tracker(is_by_button=True)
+    assert lib.pose_begin(other.c, desk.CALIBRATED, desk.MPU9250, lib.FILTER_MAHONY)
+    lib.pose_set_tip(other.c, ffi.addressof(other.c.tip), True)
+    strokes, _ = other.feel(single.samples, single.held())
+    assert names(strokes) == [lib.STROKE_END_NO_FILTER]
 
 
 def test_without_the_option_the_button_makes_no_stroke(single: Measured) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from fakes.messages import EXAMPLES, HELLO
 from fakes.params import FakeParams
-from imud.wire import schema
+from imud.wire import kept, schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 
@@ -29,7 +29,7 @@ class FakeProbe:
         self.results: dict[str, str] = {}
         self.commands: list[Mapping[str, Any]] = []
         self.params = FakeParams()
-        self._decoder = FrameDecoder()
+        self._decoder = FrameDecoder(self.hello_fields["schema_fingerprint"])
         self._replied: tuple[int, dict[str, Any]] | None = None
 
     @property
@@ -47,7 +47,8 @@ class FakeProbe:
         return content
 
     def say(self, name: str, **fields: Any) -> bytes:
-        return encode_frame(self.content(name, **fields))
+        speaks = kept.find(self.hello_fields["schema_fingerprint"])
+        return encode_frame(self.content(name, **fields), speaks)
 
     def poses(self, count: int) -> bytes:
         return b"".join(self.say("pose") for _ in range(count))

@@ -154,7 +154,20 @@ def test_the_fingerprint_follows_the_meaning(
     )
 
 
+RECORD = """[enums.how]
+by_hand = 0
+[[record]]
+name = "tip"
+tag = 1
+meaning = "T."
+parts = [
+  { name = "how", type = "u8", enum = "how", meaning = "h" },
+]
+"""
+
+# Records grow without it: they tell their lengths.
 PROSE = [
+    ("[enums.mood]", f"{RECORD}[enums.mood]"),
     ('meaning = "What."', 'meaning = "Something else."'),
     ('meaning = "w"', 'meaning = "the way"'),
     ("[enums.mood]", "# a comment\n[enums.mood]"),

@@ -60,6 +60,6 @@ def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
     stroke = {"stroke": 3, "end": "too_long", "displacement": None}
     lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
     desk.hand.say("stroke", **stroke, **lost)
-    page.get_by_text("too long").wait_for()
+    page.get_by_text("end it within 5 s").wait_for()
     desk.hand.turn((0.5, 0.5, -0.5, 0.5), position=None)
     page.get_by_text("sector and cone").wait_for()

@@ -231,6 +231,7 @@ void pose_set_tip(struct pose_tracker *tracker, const struct pose_tip *tip,
         stroke->is_placed = false;
     }
     if (stroke->is_by_button != is_by_button) {
+        tracker->has_stroke |= stroke->phase == STROKE_MOVES;
         stroke_by_button(stroke, is_by_button);
     }
 }
@@ -246,6 +247,10 @@ void pose_hold(struct pose_tracker *tracker, bool is_held) {
     stroke_hold(&tracker->stroke, is_held);
     if (tracker->stroke.is_held) {
         attitude_deny_rest(&tracker->attitude);
+        if (is_held && attitude_fuse(&tracker->attitude) == NULL) {
+            stroke_refuse(&tracker->stroke, STROKE_END_NO_FILTER);
+            tracker->has_stroke = true;
+        }
     }
 }
 #endif

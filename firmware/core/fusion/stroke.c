@@ -31,11 +31,28 @@ void stroke_begin(struct stroke *stroke, bool is_calibrated) {
     stroke->noise_q30 = NOISE_MIN_Q30;
 }
 
+// A stroke ends without a result, and with it the path.
+static void lose(struct stroke *stroke, uint8_t end) {
+    stroke->phase = STROKE_LOST;
+    stroke->end = end;
+    stroke->is_near = false;
+    stroke->is_placed = false;
+    stroke->settled = 0;
+    stroke->steady = 0;
+}
+
+void stroke_refuse(struct stroke *stroke, uint8_t end) {
+    ++stroke->number;
+    stroke->windows = 0;
+    stroke->countdown = 0;
+    lose(stroke, end);
+}
+
 void stroke_by_button(struct stroke *stroke, bool is_by_button) {
     stroke->is_by_button = is_by_button;
     stroke->is_held = false;
     stroke->countdown = 0;
-    stroke->phase = STROKE_LOST;
+    lose(stroke, STROKE_END_CHANGED);
 }
 
 void stroke_hold(struct stroke *stroke, bool is_held) {
@@ -44,6 +61,8 @@ void stroke_hold(struct stroke *stroke, bool is_held) {
     }
     stroke->is_held = is_held;
     if (stroke->phase == STROKE_MOVES) {
+        // A release that bounces does so within its window.
+        stroke->is_near |= is_held && stroke->countdown < RELEASE_WINDOWS;
         stroke->countdown = is_held ? 0 : RELEASE_WINDOWS;
     } else {
         // A press that is over before its stroke has begun is a click.
@@ -119,15 +138,6 @@ static void start(struct stroke *stroke, const struct stroke_window *window) {
     }
     memset(&stroke->twice_way, 0, sizeof stroke->twice_way);
     ++stroke->number;
-}
-
-// A stroke ends without a result, and with it the path.
-static void lose(struct stroke *stroke, uint8_t end) {
-    stroke->phase = STROKE_LOST;
-    stroke->end = end;
-    stroke->is_placed = false;
-    stroke->settled = 0;
-    stroke->steady = 0;
 }
 
 // What of this window shows: a turn, or a force that is not that of a rest.
@@ -290,9 +300,19 @@ bool stroke_step(struct stroke *stroke, const struct stroke_window *window) {
     const bool was_moving = stroke->phase == STROKE_MOVES;
     hold_back(stroke, window);
     if (window->fault != STROKE_END_RUNNING) {
-        lose(stroke, window->fault);
         stroke->filled = 0;
+        if (!was_moving && stroke->countdown > 0 && --stroke->countdown == 0) {
+            stroke_refuse(stroke, window->fault == STROKE_END_LOST ? STROKE_END_NO_REST
+                                                                   : window->fault);
+            return true;
+        }
+        lose(stroke, window->fault);
         return was_moving;
+    }
+    if (stroke->is_near) {
+        stroke->countdown = stroke->is_held ? PRESS_WINDOWS + CALM_WINDOWS : 0;
+        lose(stroke, STROKE_END_TOO_NEAR);
+        return true;
     }
     if (stroke->filled < STROKE_LATE) {
         ++stroke->filled;

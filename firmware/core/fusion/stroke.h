@@ -76,6 +76,7 @@ struct stroke {
     uint8_t countdown;  // windows until a press or a release is reached
     bool is_by_button;  // strokes are what the button is held for
     bool is_held;
+    bool is_near;          // it was pressed again before the stroke's end was measured
     bool is_calibrated;    // the module, by params
     bool is_placed;        // the path has an origin, and nothing has broken it
     uint16_t number;       // strokes since the start
@@ -106,10 +107,14 @@ void stroke_begin(struct stroke *stroke, bool is_calibrated);
 // Whether strokes are what the button is held for. Ends one that runs otherwise.
 void stroke_by_button(struct stroke *stroke, bool is_by_button);
 
+// A press can't begin a stroke: `end` says why.
+void stroke_refuse(struct stroke *stroke, uint8_t end);
+
 // The button is pressed for a stroke, or released.
 void stroke_hold(struct stroke *stroke, bool is_held);
 
-// The next window. True where there is something to tell: a stroke runs, or has ended.
+// The next window. True where there is something to tell: a stroke runs, has ended, or
+// was refused.
 bool stroke_step(struct stroke *stroke, const struct stroke_window *window);
 
 // The place of the sensor is `path_um` from now on.

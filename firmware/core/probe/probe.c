@@ -204,13 +204,14 @@ void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause caus
 #ifdef POSE_WITHOUT_STROKES
 #define hold(probe, is_held) false
 #else
-// The button is held for a stroke, or no longer. True where a stroke is under way: then
-// its release is no click.
+// The button is held for a stroke, or no longer. True where it was held for so long
+// that a stroke has begun, or was refused: then its release is no click.
 static bool hold(struct probe *probe, bool is_held) {
     if (probe->identity == NULL) {
         return false;
     }
-    const bool is_stroke = probe->tracker.stroke.phase == STROKE_MOVES;
+    const struct stroke *stroke = &probe->tracker.stroke;
+    const bool is_stroke = stroke->is_held && stroke->countdown == 0;
     pose_hold(&probe->tracker, is_held);
     return is_stroke && probe->params.button_does == BUTTON_DOES_STROKE;
 }
@@ -261,6 +262,9 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
         probe->second_us += SECOND_US;
         ++probe->status.uptime;
         probe->said = 0;
+#ifndef POSE_WITHOUT_STROKES
+        probe->blinks = (uint8_t)(probe->blinks - (probe->blinks > 0));
+#endif
         send_status(probe);
         own_field_look(probe);
     } else if (!PROBE_IS_WIRE_ONLY && probe->equipment != NULL && probe->said == 0 &&
@@ -281,6 +285,11 @@ bool probe_led(const struct probe *probe, uint32_t now_us) {
     // whole millisecond rounds down.
     const uint16_t phase =
         (uint16_t)(fixed_umul_q32(now_us, Q32_UNSIGNED(65536 / 2e6)) + 1);
+#ifndef POSE_WITHOUT_STROKES
+    if (probe->blinks > 0) {
+        return (uint16_t)(phase * 20u) < PHASE_MS(1000);
+    }
+#endif
     switch (probe_state(probe)) {
     case STATE_STREAMING:
         return true;

@@ -91,6 +91,9 @@ struct probe {
 #ifndef POSE_WITHOUT_OWN_FIELD
     struct own_watch own_watch;
 #endif
+#ifndef POSE_WITHOUT_STROKES
+    uint8_t blinks;  // seconds in which the LED tells that a press has measured nothing
+#endif
     // NULL where the board has no more than sensor, wire and button.
     struct probe_log *log;
     void (*equipment)(struct message_equipment *out);  // fills all but messages_*

@@ -259,10 +259,21 @@ NOINLINE void send_pose(struct probe *probe, uint8_t outlets) {
 }
 
 #ifndef POSE_WITHOUT_STROKES
+enum { BLINKS = 2 };  // for one to two seconds
+
 NOINLINE void send_stroke(struct probe *probe, uint8_t outlets) {
     uint8_t bytes[MESSAGE_STROKE_SIZE + FRAME_AROUND];
     struct message_stroke message;
-    if (pose_read_stroke(&probe->tracker, &message) && open_of(probe, outlets) != 0) {
+    if (!pose_read_stroke(&probe->tracker, &message)) {
+        return;
+    }
+    // What a press has brought is told, whatever streams.
+    if (message.end != STROKE_END_RUNNING &&
+        probe->params.button_does == BUTTON_DOES_STROKE) {
+        outlets = TO_BOTH;
+        probe->blinks = message.end > STROKE_END_BUTTON ? BLINKS : 0;
+    }
+    if (open_of(probe, outlets) != 0) {
         put(probe, outlets, message_stroke_layout, &message, bytes);
     }
 }

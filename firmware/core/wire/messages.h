@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xfb1df6edu
-#define SCHEMA_SEED 0xf6edu  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xdeda7a5bu
+#define SCHEMA_SEED 0x7a5bu  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -60,6 +60,7 @@ enum sensor {
     SENSOR_MPU6500 = 2,
     SENSOR_LSM9DS0 = 3,
     SENSOR_LSM6DSOX = 4,
+    SENSOR_LSM6DSV16X = 5,
 };
 
 enum state {
@@ -222,6 +223,10 @@ enum stroke_end {
     STROKE_END_GAP = 6,
     STROKE_END_TOO_FAST = 7,
     STROKE_END_LOST = 8,
+    STROKE_END_NO_REST = 9,
+    STROKE_END_TOO_NEAR = 10,
+    STROKE_END_NO_FILTER = 11,
+    STROKE_END_CHANGED = 12,
 };
 
 enum {
@@ -263,6 +268,7 @@ enum {
     POSE_FIELD_IMPOSSIBLE = 1u << 9,
     POSE_FIELD_UNLIKE = 1u << 10,
     POSE_FORCE_IMPOSSIBLE = 1u << 11,
+    POSE_MAG_OFF = 1u << 12,
 };
 
 enum {

@@ -8,14 +8,14 @@ Generated from schema.toml by protocol/generate.py.
 
 from micropython import const
 
-SEED = const(0xF6ED)  # of the CRC of all messages but hello
+SEED = const(0x7A5B)  # of the CRC of all messages but hello
 HELLO_SEED = const(0xFFFF)
 
 # protocol_version, schema_fingerprint, firmware, board, probe_id, sensor, who_am_i,
 # mag_adjust, self_test, sample_rate, pose_rate, raw_rate, acc_lsb, gyr_lsb, mag_lsb,
 # boot_count, reset_cause, filter, reset_address, params_digest, own_field, own_sigma
 HELLO = (
-    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\xed\xf6\x1d\xfb"
+    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\x5b\x7a\xda\xde"
     b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00"
     b"\x00\x04\x00\x05\x00\x00\x00\x00\x00\x00\x00\x00\x06\x00\x07\x00"
     b"\x00\x08\x00\x00\x00\x09\x00\x0a\x00\x00\x0b\x00\x00\x0c\x00\x00"
@@ -245,6 +245,7 @@ SENSOR_MPU9250 = const(1)
 SENSOR_MPU6500 = const(2)
 SENSOR_LSM9DS0 = const(3)
 SENSOR_LSM6DSOX = const(4)
+SENSOR_LSM6DSV16X = const(5)
 
 FILTER_NONE = const(0)
 FILTER_FUSE = const(1)
@@ -276,6 +277,7 @@ POSE_TARED = const(256)
 POSE_FIELD_IMPOSSIBLE = const(512)
 POSE_FIELD_UNLIKE = const(1024)
 POSE_FORCE_IMPOSSIBLE = const(2048)
+POSE_MAG_OFF = const(4096)
 
 STREAM_POSE = const(1)
 STREAM_RAW = const(2)

@@ -54,7 +54,8 @@ def line_of(stroke: Mapping[str, Any]) -> str:
         f"{stroke['probe']:<16} {stroke['stroke']:>6} {stroke['windows'] / 10:4.1f} s"
     )
     if way is None or sigma is None:
-        return f"{head}  {'unknown':>8}  {'':<26} {'':<16} {stroke['end']}"
+        why = ": ".join(filter(None, (stroke["end"], stroke.get("advice"))))
+        return f"{head}  {'unknown':>8}  {'':<26} {'':<16} {why}"
     length = f"{100 * math.hypot(*way):5.2f} cm"
     axes = " ".join(f"{100 * each:8.2f}" for each in way)
     errors = f"{100 * sigma[0]:.2f} {100 * sigma[1]:.2f} {100 * sigma[2]:.2f}"

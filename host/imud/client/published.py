@@ -108,6 +108,7 @@ class Stroke(Numbered, frozen=True, kw_only=True):
     path_m: Vector | None  # from the origin to where the sensor is
     path_sigma_m: Vector | None
     flags: tuple[str, ...]
+    advice: str | None = None  # what to do where it has no length
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):

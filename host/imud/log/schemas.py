@@ -112,6 +112,7 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         path_m=_vector(3),
         path_sigma_m=_vector(3),
         flags=_FLAGS,
+        advice={"type": ["string", "null"]},
     ),
     "path": _object(
         **_ABOUT,

@@ -189,6 +189,21 @@ def _verdicts(message: Message, scales: Scales) -> dict[str, str]:
     return {verdict.sensor: verdict.result for verdict in verdicts}
 
 
+# What to do where a stroke, or a press for one, has measured nothing, by its end.
+STROKE_ADVICE = {
+    "moving": "hold it still before and after",
+    "too_long": "end it within 5 s",
+    "clipped": "move it more gently",
+    "gap": "samples are missing: run imud check",
+    "too_fast": "move it more slowly",
+    "lost": "lay it still first",
+    "no_rest": "lay it still first",
+    "too_near": "wait half a second between presses",
+    "no_filter": "run imud restart --filter fuse",
+    "changed": "the params have changed: press again",
+}
+
+
 def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:
     """A stroke, its sigmas for each axis of the world."""
     values: dict[str, Any] = {
@@ -200,6 +215,7 @@ def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:
         "path_m": fields["path"],
         "path_sigma_m": _of_axes(fields["path_sigma"]),
         "flags": fields["stroke_flags"],
+        "advice": STROKE_ADVICE.get(str(fields["end"])),
     }
     return values
 

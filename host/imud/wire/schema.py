@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xFB1DF6ED
-SEED = 0xF6ED  # of the CRC of all messages but hello
+FINGERPRINT = 0xDEDA7A5B
+SEED = 0x7A5B  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -31,6 +31,7 @@ class Sensor(IntEnum):
     MPU6500 = 2
     LSM9DS0 = 3
     LSM6DSOX = 4
+    LSM6DSV16X = 5
 
 
 class State(IntEnum):
@@ -193,6 +194,10 @@ class StrokeEnd(IntEnum):
     GAP = 6
     TOO_FAST = 7
     LOST = 8
+    NO_REST = 9
+    TOO_NEAR = 10
+    NO_FILTER = 11
+    CHANGED = 12
 
 
 class ResetCauseFlags(IntFlag):
@@ -234,6 +239,7 @@ class PoseFlags(IntFlag):
     FIELD_IMPOSSIBLE = 1 << 9
     FIELD_UNLIKE = 1 << 10
     FORCE_IMPOSSIBLE = 1 << 11
+    MAG_OFF = 1 << 12
 
 
 class PowerFlags(IntFlag):

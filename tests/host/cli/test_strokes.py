@@ -16,7 +16,7 @@ import jsonschema
 import pytest
 
 from chain import Chain
-from fakes import Forked
+from fakes import EXAMPLES, Forked
 from imud.cli import stroke_lines
 from imud.cli.stroke_lines import line_of, lines_of
 from imud.client import Client, Delivery
@@ -24,6 +24,9 @@ from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.double_click import PathCloser
 from imud.probes.path import StrokePath
+from imud.probes.record import stroke_of
+from imud.wire.messages import Message, decode, encode
+from imud.wire.schema import StrokeEnd
 from streaming import Streaming
 
 STROKE = {
@@ -46,6 +49,14 @@ def test_a_stroke_is_a_line_with_its_length_and_errors() -> None:
 def test_a_stroke_without_length_says_why() -> None:
     lost = STROKE | {"displacement_m": None, "end": "too_long"}
     assert line_of(lost).split() == ["stylus", "3", "1.4", "s", "unknown", "too_long"]
+    for end in StrokeEnd:
+        content = encode("stroke", EXAMPLES["stroke"] | {"end": end.name.lower()}, 1, 2)
+        told = decode(content)
+        assert isinstance(told, Message)
+        advice = stroke_of(told.fields)["advice"]
+        assert (advice is None) == (end in (0, 1, 2))
+    lost |= {"end": "no_rest", "advice": "lay it still first"}
+    assert line_of(lost).endswith("  no_rest: lay it still first")
 
 
 @pytest.mark.parametrize("words", [[], ["--json"]])

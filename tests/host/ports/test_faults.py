@@ -8,11 +8,12 @@ import json
 import os
 import queue
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
 from chain import Chain
-from fakes import DaemonProcess, FakeProbe, Port
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud import _core
 from imud.client import Client
 from imud.errors import CommandRefused
@@ -88,6 +89,26 @@ def test_a_stream_of_noise_is_told_once_and_ends_nothing(tmp_path: Path) -> None
         process.expect("found on")
         process.stop()
         assert sum("without a valid message" in line for line in process.lines) == 1
+    port.vanish()
+
+
+def test_an_older_probe_is_read_and_commanded_and_to_be_updated(
+    tmp_path: Path,
+) -> None:
+    port = Port(tmp_path / "port")
+    probe = FakeProbe(schema_fingerprint=0xFB1DF6ED)
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
+        process.find(port, probe)
+        line = process.expect("has older firmware")
+        assert f"update it with imud flash {port.path}" in line
+        with Client(process.endpoint) as client:
+            client.wait_for(seconds=PATIENCE_S)
+            server = Thread(target=port.serve, args=(probe, 1))
+            server.start()
+            client.command(probe.name, "start")
+            server.join()
+        process.stop()
+    assert [command["command"] for command in probe.commands] == ["start"]
     port.vanish()
 
 

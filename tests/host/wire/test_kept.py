@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from enum import IntEnum, IntFlag
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,14 +13,14 @@ from typing import Any
 import pytest
 
 from fakes import EXAMPLES, FakeProbe
-from imud import _core, cli
+from imud import cli
 from imud.log.reader import Logged, LogHead, salvage
 from imud.probes.session import Probe, ProbeFound, Received, Session
 from imud.recordings import replay
 from imud.wire import kept, schema
 from imud.wire.frame import FrameDecoder
 from imud.wire.kept import KeptSchema
-from imud.wire.messages import HELLO_ID, Message, decode
+from imud.wire.messages import Message, decode
 
 LOGS = sorted(Path(__file__).parent.glob("schemas/*.mcap"))
 OURS = (kept.FOLDER / f"{schema.FINGERPRINT:08x}.txt").read_text("ascii")
@@ -74,25 +75,11 @@ class OlderProbe(FakeProbe):
         parts = [bytes([f.tag]) + f.pack(values[f.name]) for f in codec.fields]
         return ours[:9] + b"".join(parts)
 
-    def say(self, name: str, **fields: Any) -> bytes:
-        content = self.content(name, **fields)
-        seed = schema.HELLO_SEED if content[0] == HELLO_ID else self._speaks.seed
-        return _core.encode_frame(seed, content)
 
-
-def groups_of(canonical: str) -> dict[str, set[str]]:
-    """The numbers of each enum and of flags, and the ids of messages by their tags."""
-    found: dict[str, set[str]] = {}
-    message = ""
-    for line in canonical.splitlines():
-        kind, name, *words = line.split()
-        if kind in ("enum", "flags"):
-            found[f"{kind} {name}"] = {word.split("=")[1] for word in words}
-        elif kind in ("message", "record"):
-            message = f"{kind} {words[0]}"
-            found[message] = set()
-        elif kind == "field":
-            found[message].add(words[0] if words[0] != "0" else name)
+def class_of(kind: str, group: str) -> type[IntEnum] | type[IntFlag]:
+    name = "".join(word.capitalize() for word in group.split("_"))
+    found = getattr(schema, name + ("Flags" if kind == "flags" else ""))
+    assert issubclass(found, IntEnum | IntFlag)
     return found
 
 
@@ -103,9 +90,25 @@ def test_a_kept_schema_is_whole_and_nothing_of_it_has_another_meaning(
     """A tag, a number or a part that went, or went elsewhere, would be misread."""
     text = kept._FILES[fingerprint].read_text("ascii")
     assert fingerprint_of(text) == fingerprint
-    ours = groups_of(OURS)
-    for group, members in groups_of(text).items():
-        assert members <= ours[group], group
+    ours = {message.id: message for message in schema.MESSAGES}
+    parts = {record.tag: record.parts for record in schema.RECORDS}
+    tags: set[int] = set()
+    for line in text.splitlines():
+        kind, name, *words = line.split()
+        if kind in ("enum", "flags"):
+            numbers = {int(word.split("=")[1]) for word in words}
+            if kind == "flags":
+                numbers = {1 << bit for bit in numbers}
+            assert numbers <= {each.value for each in class_of(kind, name)}, name
+        elif kind == "message":
+            tags = {field.tag for field in ours[int(words[0])].fields}
+        elif kind == "record":
+            rest = iter(parts[int(words[0])])
+        elif kind == "field" and words[0] == "0":
+            part = next(rest)  # records only grow
+            assert (part.name, part.type) == (name, words[1])
+        elif kind == "field":
+            assert int(words[0]) in tags, name
 
 
 def test_what_an_older_schema_lacks_is_not_available(older: KeptSchema) -> None:

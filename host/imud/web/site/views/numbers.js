@@ -167,7 +167,7 @@ export class Numbers {
     }
     const { displacement_m: moved, displacement_sigma_m: errors, end } = stroke;
     if (!moved) {
-      this._stroke.show(UNKNOWN, end.replace("_", " "));
+      this._stroke.show(UNKNOWN, stroke.advice ?? end.replace("_", " "));
       return;
     }
     const length = Math.hypot(...moved);
