@@ -135,3 +135,38 @@ def test_errors_are_explained_and_only_what_is_unusual_is_in_front(
     say(served, "pose", **POSE, **LEVEL)
     until(lambda: front.evaluate_all(keys)[3:] == ["rate"])
     page.close()
+
+
+def test_aim_refuses_what_it_would_have_to_change(
+    browser: Browser, served: Served
+) -> None:
+    page = browser.new_page()
+    page.goto(f"{served.page.url}/#/aim")
+    say(served, "status", state="streaming", params=CALIBRATED)
+    say(served, "pose", **POSE, **LEVEL)
+    aim = page.get_by_role("button", name="Aim", exact=True)
+    targets = page.locator(".targets .target")
+    for name, wrong, right in (
+        *(("tolerance", "0", "2"), ("hold", "-1", "2")),
+        *(("pitch", "91", "80"), ("yaw", "361", "-360")),
+    ):
+        page.fill(f"[name={name}]", wrong)
+        aim.click()
+        assert targets.count() == 0, name
+        page.fill(f"[name={name}]", right)
+    for wrong, words in (
+        *(("tolerance_deg\n1,2,3,0", "tolerance_deg has"), ("name\n1,91,3,a", "pitch")),
+        ("hold_s\n1,2,3,-1", "hold_s has"),
+    ):
+        file = ("t.csv", "text/csv", f"yaw,pitch,roll,{wrong}".encode())
+        names = ("name", "mimeType", "buffer")
+        page.set_input_files("input[type=file]", [dict(zip(names, file, strict=True))])
+        page.locator(".toast.bad", has_text=words).wait_for()
+        assert targets.count() == 0, wrong
+    aim.click()
+    assert targets.count() == 1
+    page.locator(".card", has=targets).get_by_role("button", name="Clear").click()
+    assert targets.count() == 0
+    page.locator("form").get_by_role("button", name="Set origin").click()
+    until(lambda: ("stylus", "tare", {"what": "all"}) in served.asked.all)
+    page.close()

@@ -32,6 +32,14 @@ export function angle(degrees) {
 }
 
 /**
+ * How many decimals a value deserves.
+ * @param {number | null | undefined} error one sigma
+ */
+export function decimalsOf(error) {
+  return error === null || error === undefined || error >= 10 ? 0 : error >= 1 ? 1 : 2;
+}
+
+/**
  * A one-sigma error in degrees.
  * @param {number | null | undefined} degrees
  */

@@ -11,9 +11,8 @@ import { setOrigin } from "./views/controls.js";
 /** @typedef {import("./model.js").Model} Model */
 /** @typedef {import("./model.js").Probe} Probe */
 /** @typedef {"move" | "calibrate" | "origin" | "aim"} Step */
-/** @typedef {{ done: Step[], isHidden: boolean }} Steps of one probe, in this browser */
 /** @typedef {{ text: string, act?: () => unknown, to?: string, isQuiet?: boolean }} Action */
-/** @typedef {{ head: string, text: string, actions: Action[], steps?: Steps }} Card */
+/** @typedef {{ head: string, text: string, actions: Action[], done?: Step[] }} Card `done`: of the steps */
 
 const PORTS_MS = 2000;
 const MOVED_DEG = 20;
@@ -49,7 +48,7 @@ export class Lead {
     /** @type {string[]} */
     this._ports = [];
     this._shown = "";
-    /** @type {Record<string, Steps>} */
+    /** @type {Record<string, Step[]>} steps that are done, by probe: of a hidden card all */
     this._all = kept("steps", {});
     /** @type {Map<string, import("./rotation.js").Quat>} */
     this._first = new Map();
@@ -78,13 +77,13 @@ export class Lead {
     }
     say(this._head, card.head);
     say(this._text, card.text);
-    const { steps, actions } = card;
+    const { done, actions } = card;
     const shown = JSON.stringify([card, view]);
     if (shown !== this._shown) {
       // Else a button would vanish under the mouse.
       this._shown = shown;
-      this._steps.hidden = steps === undefined;
-      this._steps.replaceChildren(...(steps ? this._pills(steps) : []));
+      this._steps.hidden = done === undefined;
+      this._steps.replaceChildren(...(done ? this._pills(done) : []));
       this._row.replaceChildren(...actions.filter(({ to }) => to !== view).map((one) => this._button(one)));
     }
   }
@@ -149,35 +148,34 @@ export class Lead {
    */
   _leading(probe, head) {
     const { link, page } = this._model;
-    const steps = this._followed(probe);
+    const done = this._followed(probe);
     const isVirtual = page.virtual === "running" && String(probe.status?.port).includes("imud-nano");
     const end = { text: "End the virtual probe", act: () => link.virtual(false), isQuiet: true };
     const ends = isVirtual ? [end] : [];
-    const next = steps?.isHidden ? undefined : NAMES.find((name) => !steps?.done.includes(name));
-    if (!steps || next === undefined) {
+    const next = NAMES.find((name) => !done.includes(name));
+    if (next === undefined) {
       return isVirtual ? { head, text: "is virtual: its firmware runs in an emulator.", actions: ends } : null;
     }
     const { title, text, view } = STEPS[next];
     const go = next === "origin" ? { text: title, act: () => setOrigin(this._model, "all") } : { text: title, to: view };
-    const hide = { text: "Hide", act: () => this._keep(probe, { ...steps, isHidden: true }), isQuiet: true };
-    return { head: `${head}: ${title.toLowerCase()}.`, text, actions: [go, hide, ...ends], steps };
+    const hide = { text: "Hide", act: () => this._keep(probe, NAMES), isQuiet: true };
+    return { head: `${head}: ${title.toLowerCase()}.`, text, actions: [go, hide, ...ends], done };
   }
 
   /**
-   * The steps of a new probe: one without a calibration when this browser first saw it.
+   * The steps that are done: all, unless this browser first saw it without a calibration.
    * @param {Probe} probe
-   * @returns {Steps | undefined}
    */
   _followed(probe) {
     const { status, pose, aim } = probe;
     const params = status?.params;
     const known = this._all[status?.probe_id ?? probe.name];
     if (!pose || !params?.is_known) {
-      return known;
+      return known ?? NAMES;
     }
     const isCalibrated = ["acc", "gyr"].every((name) => params[name]?.is_calibrated);
     if (known === undefined && isCalibrated) {
-      return undefined;
+      return NAMES;
     }
     const first = this._first.get(probe.name) ?? pose.q;
     this._first.set(probe.name, first);
@@ -188,26 +186,22 @@ export class Lead {
       origin: pose.flags.includes("tared"),
       aim: Boolean(/** @type {any} */ (aim)?.is_reached),
     };
-    const before = known ?? { done: [], isHidden: false };
-    const now = NAMES.filter((name) => done[name] || before.done.includes(name));
-    if (now.length === before.done.length && known !== undefined) {
-      return known;
-    }
-    return this._keep(probe, { ...before, done: now });
+    const now = NAMES.filter((name) => done[name] || known?.includes(name));
+    return now.length === known?.length ? known : this._keep(probe, now);
   }
 
   /**
    * @param {Probe} probe
-   * @param {Steps} steps
+   * @param {Step[]} done
    */
-  _keep(probe, steps) {
-    this._all[probe.status?.probe_id ?? probe.name] = steps;
+  _keep(probe, done) {
+    this._all[probe.status?.probe_id ?? probe.name] = done;
     keep("steps", this._all);
-    return steps;
+    return done;
   }
 
-  /** @param {Steps} steps */
-  _pills({ done }) {
+  /** @param {Step[]} done */
+  _pills(done) {
     const next = NAMES.find((name) => !done.includes(name));
     return NAMES.map((name) => {
       const isDone = done.includes(name);

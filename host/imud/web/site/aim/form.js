@@ -18,11 +18,14 @@ const AXES = [
 ];
 
 /**
+ * The browser refuses what is out of range.
  * @param {string} name
  * @param {number} value
+ * @param {number} min
+ * @param {number} max
  */
-function number(name, value) {
-  return make("input", { type: "number", step: "any", name, value, required: true });
+function number(name, value, min, max) {
+  return make("input", { type: "number", step: "any", name, value, min, max, required: true });
 }
 
 /**
@@ -38,18 +41,18 @@ export class Form {
   /**
    * @param {Convention} convention
    * @param {string} name
-   * @param {{ aim: (target: Target) => void, capture: () => void }} events
+   * @param {{ aim: (target: Target) => void, capture: () => void, origin: () => void }} events
    */
-  constructor(convention, name, { aim, capture }) {
+  constructor(convention, name, { aim, capture, origin }) {
     this._convention = convention;
-    this._yaw = number("yaw", 0);
-    this._pitch = number("pitch", 0);
-    this._roll = number("roll", 0);
+    this._yaw = number("yaw", 0, -360, 360);
+    this._pitch = number("pitch", 0, -90, 90);
+    this._roll = number("roll", 0, -360, 360);
     this._name = make("input", { name: "name", value: name, maxlength: 60, required: true });
     const options = AXES.map(([value, text]) => make("option", { value }, text));
     this._axis = make("select", { name: "axis" }, ...options);
-    this._tolerance = number("tolerance", DEFAULTS.tolerance_deg);
-    this._hold = number("hold", DEFAULTS.hold_s);
+    this._tolerance = number("tolerance", DEFAULTS.tolerance_deg, 0.01, 180);
+    this._hold = number("hold", DEFAULTS.hold_s, 0, 600);
     const submit = (/** @type {Event} */ event) => {
       event.preventDefault();
       aim(this._target(this._entered()));
@@ -78,6 +81,7 @@ export class Form {
         { class: "row" },
         make("button", { class: "primary" }, "Aim"),
         make("button", { type: "button", onclick: capture }, "Capture this orientation"),
+        make("button", { type: "button", onclick: origin }, "Set origin"),
       ),
     );
   }
@@ -121,8 +125,8 @@ export class Form {
       name: this._name.value.trim() || "target",
       q,
       axis: /** @type {import("./target.js").Axis} */ (this._axis.value),
-      tolerance_deg: Math.max(0.01, Number(this._tolerance.value)),
-      hold_s: Math.max(0, Number(this._hold.value)),
+      tolerance_deg: Number(this._tolerance.value),
+      hold_s: Number(this._hold.value),
     };
   }
 }

@@ -46,6 +46,7 @@ export class List {
         make("button", { onclick: next }, "Next"),
         make("label", { class: "button" }, "Load", file),
         make("button", { onclick: () => this._save() }, "Save"),
+        make("button", { class: "danger", onclick: () => this._clear() }, "Clear"),
       ),
       make("label", { class: "check" }, this._goesOn, "go to the next automatically"),
       make("label", { class: "check" }, this._sounds, "sound when reached"),
@@ -93,6 +94,11 @@ export class List {
     };
     const label = `Remove ${target.name}`;
     return make("li", {}, choose, make("button", { "aria-label": label, onclick: remove }, "×"));
+  }
+
+  _clear() {
+    this._targets.clear();
+    this._choose(null);
   }
 
   _save() {

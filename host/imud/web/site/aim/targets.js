@@ -25,6 +25,11 @@ export class Targets {
     keep("targets", this.all);
   }
 
+  clear() {
+    this.all = [];
+    keep("targets", this.all);
+  }
+
   /** @param {string} name */
   remove(name) {
     this.all = this.all.filter((one) => one.name !== name);
@@ -108,14 +113,22 @@ function read(value, index, convention, isOurs) {
     return null;
   }
   const turned = q ?? (angles ? fromAngles(angles, convention) : null);
-  const positive = (/** @type {unknown} */ number, /** @type {number} */ fallback) =>
-    Number(number) > 0 ? Number(number) : fallback;
+  const number = (/** @type {"tolerance_deg" | "hold_s"} */ name, /** @type {number} */ least) => {
+    const given = value[name] ?? "";
+    if (given !== "" && !(Number(given) >= least) && !isOurs) {
+      throw new Error(`target ${index + 1}: ${name} has to be ${least} or more`);
+    }
+    return given !== "" && Number(given) >= least ? Number(given) : DEFAULTS[name];
+  };
+  if (!q && Math.abs(pitch) > 90) {
+    throw new Error(`target ${index + 1}: pitch has to be within 90 degrees`);
+  }
   return {
     name: String(value.name || `target ${index + 1}`).slice(0, 60),
     q: normalized(/** @type {any} */ (turned)),
     axis: AXES.includes(value.axis) ? value.axis : DEFAULTS.axis,
-    tolerance_deg: positive(value.tolerance_deg, DEFAULTS.tolerance_deg),
-    hold_s: positive(value.hold_s, DEFAULTS.hold_s),
+    tolerance_deg: number("tolerance_deg", 0.01),
+    hold_s: number("hold_s", 0),
     ...(isOurs && value.capture ? { capture: String(value.capture) } : {}),
   };
 }

@@ -4,7 +4,7 @@
 // the last events of its gait.
 
 import { make, mark, say } from "../dom.js";
-import { fixed, micros, UNKNOWN } from "../format.js";
+import { decimalsOf, fixed, micros, UNKNOWN } from "../format.js";
 
 /** @typedef {import("../link.js").Line} Line */
 /** @typedef {import("./recorder.js").GaitEvent} GaitEvent */
@@ -119,8 +119,8 @@ export class AnglesCard {
       this._rows.replaceChildren(...lines);
     }
     rows.forEach((/** @type {any} */ { angle, error }, /** @type {number} */ index) => {
-      const sure = error === undefined || error === null ? "" : ` ±${fixed(error, 1)}`;
-      const text = angle === undefined ? `${UNKNOWN}, missing` : `${fixed(angle, 1, 6)}°${sure}`;
+      const sure = error === undefined || error === null ? "" : ` ±${fixed(error, decimalsOf(error))}`;
+      const text = angle === undefined ? `${UNKNOWN}, missing` : `${fixed(angle, decimalsOf(error), 6)}°${sure}`;
       say(this._cells[index], text);
     });
   }

@@ -78,6 +78,9 @@ export class Scene extends View3d {
 
   _makeWorld() {
     this._world?.removeFromParent();
+    if (this._attached) {
+      return; // what it is to do stands beside it, without compass and words
+    }
     this._world = makeWorld(coloursOf(), !this._isSlow, this._isOrigin);
     this._scene.add(this._world);
   }
@@ -89,6 +92,9 @@ export class Scene extends View3d {
     this.body.clear();
     this.body.add(make(coloursOf()));
     if (this._attached) {
+      this.body.traverse((part) => {
+        part.visible &&= !(part instanceof three.Sprite);
+      });
       this.body.add(this._attached);
     } else {
       this._errors.attach();

@@ -63,10 +63,12 @@ export class Chart {
   /**
    * @param {Plot} plot
    * @param {History} history
-   * @param {{ onZoom: (window: Window) => void, onLive: () => void }} events
+   * @param {{ onZoom: (window: Window) => void, onLive: () => void, decimals?: (index: number) => number }} events
+   *   `decimals`: of the value of a series
    */
-  constructor(plot, history, { onZoom, onLive }) {
+  constructor(plot, history, { onZoom, onLive, decimals = () => (plot.isAngle ? 2 : 3) }) {
     this.plot = plot;
+    this._decimals = decimals;
     this._history = history;
     this._columns = plot.series.map(([, column]) => history.names.indexOf(column));
     this._values = plot.series.map(() => make("b", {}, "–"));
@@ -145,7 +147,7 @@ export class Chart {
     const at = plot.cursor.idx ?? last;
     this._values.forEach((element, index) => {
       const value = data[index + 1]?.[Math.min(at, last)];
-      say(element, fixed(value, this.plot.isAngle ? 2 : 3, 8));
+      say(element, fixed(value, this._decimals(index), 8));
     });
   }
 

@@ -14,6 +14,7 @@ import { Reading } from "../aim/reading.js";
 import { chime } from "../sound.js";
 import { Targets } from "../aim/targets.js";
 import { judge, nameOf } from "../aim/target.js";
+import { setOrigin } from "./controls.js";
 import { convention } from "./convention.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -41,6 +42,7 @@ export class AimView {
     this._form = new Form(this._convention, this._targets.freshName(), {
       aim: (target) => this._add(target),
       capture: () => this._capture(),
+      origin: () => setOrigin(model, "all"),
     });
     this._list = new List(this._targets, this._convention, {
       choose: (target) => this._aimAt(target),

@@ -171,8 +171,10 @@ export class LimbView {
       this._history = history;
       this._closeCharts();
       if (history !== null) {
-        const events = { onZoom: () => {}, onLive: () => {} };
-        this._plots = plots.map((plot) => new Chart(plot, history, events));
+        this._plots = plots.map((plot) => {
+          const decimals = () => (plot.unit === "°" ? 1 : 3); // a joint is known to a degree
+          return new Chart(plot, history, { onZoom: () => {}, onLive: () => {}, decimals });
+        });
       }
       this._charts.replaceChildren(...this._plots.map(({ element }) => element));
     }

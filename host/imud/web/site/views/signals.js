@@ -3,7 +3,9 @@
 // Live plots of the selected probe, with ten minutes to scroll back.
 
 import { keep, kept, make, mark, save } from "../dom.js";
+import { decimalsOf } from "../format.js";
 import { tell } from "../header.js";
+import { errorsOf } from "../model.js";
 import { Bar, SPANS } from "../signals/bar.js";
 import { Chart } from "../signals/chart.js";
 import { csvOf, pngOf } from "../signals/files.js";
@@ -182,11 +184,23 @@ export class SignalsView {
         this._setLive(false);
       },
       onLive: () => this._setLive(true),
+      decimals: id === "attitude" ? (index) => this._decimals(index) : undefined,
     });
     this._charts.set(id, chart);
     // In the order of the list, whenever they were chosen.
     const order = PLOTS.map((one) => this._charts.get(one.id)?.element);
     this._list.append(...order.filter((element) => element !== undefined));
+  }
+
+  /**
+   * An angle of the attitude has as many as its error allows.
+   * @param {number} index of the series
+   */
+  _decimals(index) {
+    const pose = this._model.probe?.pose;
+    const errors = pose ? errorsOf(pose) : null;
+    const isTurn = index === (convention() === "nectec" ? 2 : 0);
+    return decimalsOf(isTurn ? errors?.heading_sigma_deg : errors?.tilt_sigma_deg);
   }
 
   /** @param {string} id */
