@@ -326,10 +326,6 @@ NOINLINE static void follow(int16_t *mean, q14_18_t ut) {
     *mean = (int16_t)(*mean + (int16_t)(now - *mean) / ACROSS_WINDOWS);
 }
 
-_Static_assert(FUSE_WINDOWS(FUSE_DRIFTING_TAU_S) == 256 &&
-                   FUSE_WINDOWS(FUSE_DRIFTING_WANDER_S) == 128,
-               "fixed_byte_floor() divides by them, once from 2^20ths to 2^19ths");
-
 // What of the reading is across the horizontal field, and the noise of it. What goes on
 // across and not along is the gyroscope's drift.
 NOINLINE static q14_18_t look_across(struct fuse *fuse, int32_t *noise) {
