@@ -141,12 +141,17 @@ def rewired(pico: Stub, before: str, after: str) -> Stub:
     return dataclasses.replace(pico, simulator=folder / SIMULATOR.name)
 
 
-def test_on_a_pico_w_the_supply_is_unknown(pico: Stub) -> None:
+@pytest.mark.parametrize(
+    "has_python", [False, pytest.param(True, marks=pytest.mark.nightly)]
+)
+def test_on_a_pico_w_the_supply_is_unknown(pico: Stub, *, has_python: bool) -> None:
     # Between VSYS and its pin is a switch, which GP25 closes.
     level = "mcu.adc.channelValues[3] = state === 1 ? VSYS_COUNTS : 38;"
     switch = f"mcu.gpio[25].addListener((state) => {{{level}}});"
     line = "mcu.adc.channelValues[3] = VSYS_COUNTS;"
-    done = run(rewired(pico, line, "mcu.adc.channelValues[3] = 38;" + switch), 2.5)
+    stub = with_micropython(pico) if has_python else pico
+    rewritten = rewired(stub, line, "mcu.adc.channelValues[3] = 38;" + switch)
+    done = run(rewritten, 6 if has_python else 2.5, "--wire", "usb")
     assert done.last_status["supply"] is None
 
 

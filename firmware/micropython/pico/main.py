@@ -2,13 +2,31 @@
 """The probe of docs/pico.md: its sensor on GP4 and GP5, the host on USB."""
 
 import sys
+import time
 
 from machine import ADC, I2C, Pin
 from probe import LSM6DSOX, MPU9250, Bus, FileStorage, run
 
 vsys = ADC(29)  # a third of what feeds the board
-# On a board with a radio GP25 and GP29 are the radio's, and the LED hangs on it.
-has_radio = " W " in sys.implementation._machine
+led = Pin(25)
+SUPPLY_LEAST = 5920  # half of what the least supply gives, 1.8 V
+
+
+def gates_supply():
+    """Whether the LED's pin connects VSYS to its pin, as on a Pico W (board.c). Then it
+    stays high: the radio is not selected.
+    """
+    read = []
+    for level in (0, 1):
+        led.init(Pin.OUT, value=level)
+        time.sleep_ms(1)
+        read.append(vsys.read_u16() >= SUPPLY_LEAST)
+    return read == [False, True]
+
+
+# On a board with a radio GP25 and GP29 are the radio's, and the LED hangs on it. Of a
+# Pico's image on such a board MicroPython does not know that.
+has_radio = " W " in sys.implementation._machine or gates_supply()
 
 
 def supply_mv():
@@ -36,7 +54,7 @@ run(
     ready=Pin(6, Pin.IN, Pin.PULL_DOWN),
     wire=sys.stdin.buffer,
     button=Pin(15, Pin.IN, Pin.PULL_UP),
-    led=None if has_radio else Pin(25, Pin.OUT),
+    led=None if has_radio else led,
     storage=FileStorage("probe.settings"),
     supply=None if has_radio else supply_mv,
 )
