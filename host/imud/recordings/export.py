@@ -81,7 +81,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
     "event": {**_HEAD, "event": ("event",), "cause": ("cause",), "detail": ("detail",)},
     "stroke": {
         **_HEAD,
-        **{key: (key,) for key in ("stroke", "end", "windows")},
+        **_named("stroke", "end", "advice", "windows"),
         "displacement_m": parts_of("displacement_m"),
         "displacement_sigma_m": parts_of("displacement_sigma_m"),
         "path_m": parts_of("path_m"),
@@ -114,7 +114,17 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
 
 _WORDS = frozenset(
     {
-        *("flags", "event", "cause", "end", "state", "port", "reason", "utc_host"),
+        *(
+            "flags",
+            "event",
+            "cause",
+            "end",
+            "advice",
+            "state",
+            "port",
+            "reason",
+            "utc_host",
+        ),
         *("log.state", "twin.state", "since_origin.void", "text", "command", "by"),
         "time_utc",
     }
