@@ -16,8 +16,8 @@ def test_a_virtual_probe_runs_once_and_ends_with_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    if not (command := sim.offered(None)):
-        pytest.skip("there is no emulator")
+    command = sim.offered(None)
+    assert command  # the tests' set-up builds the Nano's emulator and image
 
     async def watch() -> None:
         changed = asyncio.Event()
