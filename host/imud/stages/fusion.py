@@ -176,7 +176,8 @@ class FusionStage:
             own[_FLAGS.start] |= int(schema.SampleFlags.GAP)
             content = bytes(own)
         message = received.message
-        taken = resampler.add(message, content)
+        is_behind_gap = received.stamp.missing > 0
+        taken = resampler.add(message, content, is_behind_gap=is_behind_gap)
         for each in taken:
             self._replay.step(each)
         if not taken:

@@ -46,11 +46,16 @@ class Resampler:
         """Of what comes out."""
         return self._rate_hz * self._parts // self._group
 
-    def add(self, message: Message, content: bytes) -> Sequence[bytes]:
+    def add(
+        self, message: Message, content: bytes, *, is_behind_gap: bool = False
+    ) -> Sequence[bytes]:
         """The contents that it becomes, the last of which are of its time; none while
-        its group is not complete.
+        its group is not complete. Nothing is drawn or averaged across a gap.
         """
         if self._parts == self._group == 1:
+            return (content,)
+        if is_behind_gap:
+            self._waiting = [message] if self._parts > 1 else []
             return (content,)
         before = self._waiting
         self._waiting = [*before, message] if self._group > 1 else [message]
