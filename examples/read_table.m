@@ -5,7 +5,7 @@ function table = read_table (path)
   names = strsplit (fgetl (file), ',');
   words = {'time_utc', 'utc_host', 'flags', 'event', 'cause', 'end', 'state', 'port', ...
            'reason', 'log_state', 'twin_state', 'since_origin_void', ...
-           'text', 'command', 'by'};
+           'advice', 'text', 'command', 'by'};
   kinds = repmat ({'%f'}, 1, numel (names));
   kinds(ismember (names, words)) = {'%s'};
   columns = textscan (file, [kinds{:}], 'Delimiter', ',', 'EmptyValue', NaN);
