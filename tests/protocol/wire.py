@@ -9,11 +9,21 @@ from pathlib import Path
 from typing import Any
 
 import native
+from protocol import derived
 
 ROOT = Path(__file__).resolve().parents[2]
-VECTORS: dict[str, list[dict[str, Any]]] = tomllib.loads(
-    (ROOT / "protocol" / "vectors.toml").read_text("utf-8")
-)
+
+
+def _read(name: str) -> dict[str, Any]:
+    return tomllib.loads((ROOT / "protocol" / name).read_text("utf-8"))
+
+
+# Those that are worked out by hand, and what follows from them.
+BY_HAND: dict[str, list[dict[str, Any]]] = _read("vectors.toml")
+VECTORS = BY_HAND | {
+    "good": BY_HAND["good"] + [*derived.good(BY_HAND["good"], _read("schema.toml"))],
+    "skew": [*derived.skewed(BY_HAND["good"])],
+}
 
 ffi, lib = native.load()
 
