@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Makes C, Python, MicroPython and the tables of PROTOCOL.md from schema.toml.
+"""Makes C, Python, MicroPython and the tables of PROTOCOL.md from schema.toml, and the
+table of commands in docs/pose.md.
 
 `python protocol/generate.py` writes the files that are stale; with `--check` it writes
 nothing, but names them and exits with 1.
@@ -12,7 +13,7 @@ import difflib
 import sys
 from pathlib import Path
 
-from generator import c_code, micropython_code, python_code, tables
+from generator import c_code, commands, micropython_code, python_code, tables
 from generator.checker import load
 from generator.schema import Schema, SchemaError
 
@@ -24,6 +25,7 @@ C_RECORDS = Path("firmware/core/params/records.h")
 PYTHON = Path("host/imud/wire/schema.py")
 MICROPYTHON = Path("firmware/micropython/probe/wire.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
+POSE = Path("docs/pose.md")
 KEPT = Path("host/imud/wire/schemas")  # every schema that a probe or a log may have
 
 DIFF_LINES = 20  # shown of a stale file
@@ -40,6 +42,7 @@ def outputs(schema: Schema) -> dict[Path, str]:
         KEPT / f"{schema.fingerprint:08x}.txt": schema.canonical,
         MICROPYTHON: micropython_code.module(schema),
         DOCUMENT: tables.document(schema, document),
+        POSE: commands.document((ROOT / POSE).read_text("utf-8")),
     }
 
 

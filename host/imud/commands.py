@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""The commands to a probe, each as one row: arguments, roles, help, handler.
+"""The commands to a probe, each as one row: arguments, roles, help, handler, and what
+the command line prints of its value.
 
-The command line, the page, the access rules, the daemon's errors and the table in
-docs/pose.md read it. The daemon binds a function to each Handler
-(`daemon/command_runner.py`).
+The command line with its help, the page, the access rules, the daemon's errors and the
+table in docs/pose.md (`protocol/generate.py`) read it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum, auto
-from typing import Literal
+from typing import Any, Literal
 
 from imud.roles import Role
 from imud.wire import schema
@@ -25,29 +25,24 @@ LENT_MAX_S = 300  # a program that borrows a port and dies keeps it no longer
 PARAMETERS_MAX = 8  # of one command from the page; no row has more arguments
 
 
-class Handler(Enum):
-    """The part of the daemon that executes a command."""
-
-    PROBE = auto()  # the probe itself: sent to it as a command of the same name
-    PARAMS = auto()
-    HISTORY = auto()
-    AIM = auto()
-    CAPTURE = auto()
-    CLOSE = auto()
-    CONFIGURE = auto()
-    LEND = auto()
-    MARK = auto()
+# What the command line prints: the probe, the arguments that were given, the value.
+Says = Callable[[str, Mapping[str, str], Any], str]
 
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """`--NAME` on the command line. It gives its argument `value`, or without one takes
-    one of the argument's choices.
+    """`--NAME` on the command line, or in capitals a word after the probe. It gives its
+    argument `value`, or without one what is typed, or one of the choices.
     """
 
     name: str
     help: str
     value: str | None = None
+    is_needed: bool = False  # of a word
+
+    @property
+    def is_word(self) -> bool:
+        return self.name.isupper()
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,20 +61,28 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class ProbeCommand:
-    """A command. With an `example` the command line has one of the same name."""
+    """A command. With an `example` the command line has it, under the name there."""
 
     name: str
     help: str
     arguments: tuple[Argument, ...] = ()
     needs: str = ""  # the words for wrong arguments: NAME needs ...
     roles: tuple[Role, ...] = ("operator",)
-    handler: Handler = Handler.PROBE
+    # A function in `daemon/command_runner.py` carries it out; else the probe itself.
+    by_daemon: bool = False
     example: str = ""
+    typed_help: str = ""  # in place of `help` where the command line offers less
     details: str = ""  # more for its own help on the command line
+    says: Says | None = None  # None: "done", and the daemon's value if there is one
     # A query of this topic with parameters is this command, so who may read the topic
     # may send it; it is not among the commands that an error lists.
     topic: str = ""
     is_told: bool = False  # to all, with who gave it: it changes what others see
+
+    @property
+    def typed(self) -> str:
+        """Its name on the command line; empty if it has none."""
+        return self.example.removeprefix("imud ").partition(" ")[0]
 
     @property
     def argument_names(self) -> set[str]:
@@ -92,6 +95,36 @@ class ProbeCommand:
 
     def argument(self, name: str) -> Argument:
         return next(each for each in self.arguments if each.name == name)
+
+    def words(self, probe: str, given: Mapping[str, str], value: Any) -> str:
+        """What the command line prints once it is carried out."""
+        if self.says is not None:
+            return self.says(probe, given, value)
+        told = f": {json.dumps(value)}" if self.by_daemon and value is not None else ""
+        return f"{probe}: {self.name} done{told}"
+
+
+def _say_mark(probe: str, _: Mapping[str, str], value: Any) -> str:
+    place, error = value["position_m"], value["position_sigma_m"]
+    if value["q"] is None:
+        where = "no pose at this moment; start the stream with imud start"
+    elif place is None:
+        where = "the position of its tip is unknown"
+    else:
+        mm = " ".join(f"{1000.0 * each:.1f}" for each in place)
+        sure = "" if error is None else f" +-{1000.0 * error:.1f}"
+        where = f"tip at {mm}{sure} mm"
+    return f"{probe}: marked; {where}"
+
+
+def _say_name(probe: str, given: Mapping[str, str], value: Any) -> str:
+    said = f"{probe} is now called {given['rename']}"
+    if value["is_kept"]:
+        return said
+    return (
+        f"{said}\nuntil the daemon restarts or reloads its configuration, which has "
+        "another name for it"
+    )
 
 
 _SWITCH = {"0": 0, "1": 1}
@@ -190,7 +223,7 @@ _ROWS = (
             Argument("force", "choice", _SWITCH, is_optional=True),
         ),
         needs="records=hexadecimal digits; imud params load sends a file",
-        handler=Handler.PARAMS,
+        by_daemon=True,
         is_told=True,
     ),
     ProbeCommand(
@@ -205,7 +238,7 @@ _ROWS = (
                 is_optional=True,
             ),
         ),
-        handler=Handler.HISTORY,
+        by_daemon=True,
         topic="params",
     ),
     ProbeCommand(
@@ -229,34 +262,63 @@ _ROWS = (
         ),
         needs="q=W,X,Y,Z with world_from_body, and may have axis=x, y, z or all, "
         "tolerance_deg, hold_s, target=NAME and capture=NAME; or off=1",
-        handler=Handler.AIM,
+        by_daemon=True,
     ),
     ProbeCommand(
         "capture",
         "keep a probe's current orientation as a target to aim at",
-        handler=Handler.CAPTURE,
+        by_daemon=True,
     ),
     ProbeCommand(
         "mark",
         "put a value or a note into the log, with the tip's current position",
         (
-            Argument("value", "number", is_optional=True),
-            Argument("text", "text", length_max=200, is_optional=True),
+            Argument(
+                "value",
+                "number",
+                is_optional=True,
+                options=(Option("VALUE", "a number measured there"),),
+            ),
+            Argument(
+                "text",
+                "text",
+                length_max=200,
+                is_optional=True,
+                options=(Option("note", "text of at most 200 characters"),),
+            ),
         ),
         needs="value=NUMBER or text=TEXT of at most 200 characters, or both",
-        handler=Handler.MARK,
+        by_daemon=True,
+        example="imud mark stylus 0.42 --note 'second press'",
+        details="The mark is published on imud/PROBE/mark with the current pose and "
+        "its errors, logged, shown on the page, and exported by imud export.",
+        says=_say_mark,
     ),
-    ProbeCommand("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
+    ProbeCommand("close", "close the path of a probe's strokes", by_daemon=True),
     ProbeCommand(
         "configure",
         "rename a probe permanently, or start or stop its log until the daemon "
         "reloads its configuration",
         (
-            Argument("rename", "text", is_optional=True),
+            Argument(
+                "rename",
+                "text",
+                is_optional=True,
+                options=(
+                    Option(
+                        "NAME", "the new name, without / and spaces", is_needed=True
+                    ),
+                ),
+            ),
             Argument("log", "choice", {"on": 1, "off": 0}, is_optional=True),
         ),
         needs="rename=NAME or log=on or off",
-        handler=Handler.CONFIGURE,
+        by_daemon=True,
+        example="imud name 00112233445566aa stylus",
+        typed_help="give a probe a name",
+        details="The daemon keeps the name, on any port. Subscribers find the probe "
+        "under its new name: imud/stylus/pose.",
+        says=_say_name,
         is_told=True,
     ),
     ProbeCommand(
@@ -272,7 +334,7 @@ _ROWS = (
             ),
         ),
         needs=f"seconds=0 to {LENT_MAX_S}",
-        handler=Handler.LEND,
+        by_daemon=True,
     ),
 )
 

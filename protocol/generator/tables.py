@@ -24,15 +24,18 @@ def document(schema: Schema, text: str) -> str:
         ("records", records(schema)),
         ("groups", groups(schema)),
     ):
-        begin = BEGIN.format(name)
-        if text.count(begin) != 1 or END not in text.split(begin)[1]:
-            raise SchemaError(
-                f"protocol/PROTOCOL.md: needs one line {begin!r}, and {END!r} after it"
-            )
-        before, rest = text.split(begin)
-        after = rest.split(END, 1)[1]
-        text = "\n".join([before + begin, *lines, END + after])
+        text = filled("protocol/PROTOCOL.md", text, name, lines)
     return text
+
+
+def filled(place: str, text: str, name: str, lines: list[str]) -> str:
+    """A document with these lines between its markers of that name."""
+    begin = BEGIN.format(name)
+    if text.count(begin) != 1 or END not in text.split(begin)[1]:
+        raise SchemaError(f"{place}: needs one line {begin!r}, and {END!r} after it")
+    before, rest = text.split(begin)
+    after = rest.split(END, 1)[1]
+    return "\n".join([before + begin, *lines, END + after])
 
 
 def constants(schema: Schema) -> list[str]:

@@ -31,6 +31,7 @@ import pytest
 from fakes import FakeProbe
 from imud.config.settings import Config, LogSettings, PortSettings, ProbeSettings
 from imud.daemon import daemon, hub, lane
+from imud.daemon.command_runner import Request
 from imud.daemon.daemon import Daemon
 from imud.errors import PortLost
 from imud.journal.output import JournalStream, logger
@@ -412,8 +413,8 @@ class World(selectors.DefaultSelector):
 
     def rename(self, device: Device, name: str) -> None:
         """As `imud name` does."""
-        run = self._daemon._runner.run
-        work = run(self.name_of(device.id), "configure", {"rename": name})
+        renaming = (self.name_of(device.id), "configure", {"rename": name}, "it")
+        work = self._daemon._runner.run(Request(*renaming))
         self._renaming = self.loop.create_task(work)
         self.config = self.config.with_probe(device.id, ProbeSettings(name=name))
 

@@ -5,21 +5,25 @@ documents know of commands is what `imud/commands.py` says.
 
 from __future__ import annotations
 
+import asyncio
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
+from unittest.mock import MagicMock, call
 
 import pytest
 
-from imud import commands
-from imud.commands import COMMANDS, PARAMETERS_MAX, Argument, Handler, ProbeCommand
+from imud import cli, commands
+from imud.commands import COMMANDS, PARAMETERS_MAX, Argument, Option, ProbeCommand
 from imud.config import reader
-from imud.daemon.command_runner import CommandRunner
+from imud.daemon.command_runner import CommandRunner, Request
 from imud.daemon.commands import Commander
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.daemon.params_history import HistoryFiles
+from imud.errors import CommandRefused
 from imud.journal.output import Journal
 from imud.net import access
 from imud.probes.aim import Axis, Target
@@ -31,58 +35,51 @@ ROOT = Path(__file__).resolve().parents[2]
 SITE = ROOT / "host" / "imud" / "web" / "site"
 
 
-def described(argument: Argument) -> str:
-    """An argument in the table of the document."""
-    values = argument.limits or argument.unit
-    if argument.limits and argument.unit:
-        values = f"{argument.limits}, {argument.unit}"
-    if argument.choices:
-        words = [f"`{word}`" for word in argument.choices]
-        join = " or " if argument.type == "choice" else ", "
-        values = "; ".join(filter(None, (join.join(words), argument.limits)))
-    if argument.length_max is not None:
-        values = f"at most {argument.length_max} characters"
-    text = f"`{argument.name}`: {values or argument.type}"
-    return f"[{text}]" if argument.is_optional else text
-
-
-def row_of(command: ProbeCommand) -> str:
-    arguments = "; ".join(map(described, command.arguments))
-    who = f"who reads `{command.topic}`" if command.topic else ", ".join(command.roles)
-    return f"| `{command.name}` | {arguments} | {who} | {command.help} |"
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_the_document_has_each_command(name: str) -> None:
-    text = (ROOT / "docs" / "pose.md").read_text("utf-8")
-    assert row_of(COMMANDS[name]) in text.splitlines()
-
-
-def test_the_document_has_no_other_command() -> None:
-    text = (ROOT / "docs" / "pose.md").read_text("utf-8")
-    _, _, section = text.partition("\n## Commands\n")
-    assert re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE) == [*COMMANDS]
-
-
-def test_each_row_has_a_handler_that_the_daemon_binds() -> None:
+@pytest.fixture
+def runner() -> Iterator[CommandRunner]:
     config = reader.load(None, is_logging=False)
     intake = Intake(config, Hub(), Journal(1.0, 1))
     history = HistoryFiles(None)
-    try:
-        runner = CommandRunner(
-            *(Commander(intake.registry), intake, history),
-            *(lambda *_: None, lambda *_: None),
-        )
-        bound = {handler: runner.bound(handler) for handler in Handler}
-    finally:
-        history.close()
-    assert len(set(bound.values())) == len(Handler)
-    assert {row.handler for row in COMMANDS.values()} == set(Handler)
+    yield CommandRunner(
+        *(Commander(intake.registry), intake, history),
+        *(lambda *_: None, lambda *_: None),
+    )
+    history.close()
+
+
+def test_the_daemon_has_a_function_for_each_row_and_no_other(
+    runner: CommandRunner,
+) -> None:
+    assert {*runner.own} == {row.name for row in COMMANDS.values() if row.by_daemon}
+    for name in runner.own:
+        asked = Request("stylus", name, {"no_such": "1"}, "it")
+        with pytest.raises(CommandRefused, match=f"{name} has no parameter no_such"):
+            asyncio.run(runner.run(asked))
+
+
+def test_a_row_alone_is_a_command_of_the_command_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its options, its line in the help, what is sent, and its value."""
+    kind = Argument("kind", "text", options=(Option("of", "which"),))
+    far = Argument("far", "number", options=(Option("FAR", "how far", is_needed=True),))
+    row = ProbeCommand("age", "tell its age", (kind, far), by_daemon=True)
+    rows = {"age": replace(row, example="imud age stylus 3")}
+    monkeypatch.setattr(commands, "COMMANDS", rows)
+    client = MagicMock()
+    client.__enter__().only_probe.return_value = "stylus"
+    client.__enter__().command.return_value = {"value": {"age_s": 0.5}}
+    monkeypatch.setattr("imud.client.Client", lambda *_: client)
+    assert cli.main(["age", "stylus", "3", "--of", "poses"]) == 0
+    sent = client.__enter__().command.call_args
+    assert sent == call("stylus", "age", kind="poses", far="3")
+    assert capsys.readouterr().out == 'stylus: age done: {"age_s": 0.5}\n'
+    assert "\ncommand:\n  age " in cli.build_parser().format_help()
 
 
 def test_what_a_probe_carries_out_is_what_the_wire_has() -> None:
     of_wire = {member.name.lower() for member in schema.Command}
-    rows = [row for row in COMMANDS.values() if row.handler is Handler.PROBE]
+    rows = [row for row in COMMANDS.values() if not row.by_daemon]
     assert {row.name for row in rows} == of_wire - commands.PARAMS_STEPS
     assert of_wire > commands.PARAMS_STEPS
     for row in rows:

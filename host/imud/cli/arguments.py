@@ -35,13 +35,12 @@ def add_command(
     )
 
 
-def add_probe(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "probe",
-        metavar="PROBE",
-        nargs="?",
-        help="name or id of the probe; may be left out if there is only one",
-    )
+def add_probe(parser: argparse.ArgumentParser, *, is_needed: bool = False) -> None:
+    text = "name or id of the probe"
+    if not is_needed:
+        text += "; may be left out if there is only one"
+    nargs = None if is_needed else "?"
+    parser.add_argument("probe", metavar="PROBE", nargs=nargs, help=text)
 
 
 def add_json(parser: argparse.ArgumentParser, text: str) -> None:

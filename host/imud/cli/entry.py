@@ -14,7 +14,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, NoReturn
+from typing import NoReturn
 
 from imud import checkout
 from imud.cli import (
@@ -41,32 +41,15 @@ from imud.errors import BuildFailed, ImudError, described, told
 # Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
 FAULT = 70
 
-ROOMS = (
-    *(daemon, demo, check, sim, watch, body, probe, calibrate, params),
-    *(recordings, importing, card, keys, ports, flash, completion),
-)
-
-
-class _Parser(GroupedParser):
-    """The parser of `imud` itself."""
-
-    groups: ClassVar = {
-        "the daemon": ("run", "config", "install-service", "keys"),
-        "watch": ("list", "monitor", "view", "listen", "strokes", "body"),
-        "command": ("start", "stop", "tare", "restart", "name", "mark"),
-        "calibrate": ("calibrate", "params"),
-        "logs": (
-            "record",
-            "info",
-            "decode",
-            "export",
-            "replay",
-            "recover",
-            "import",
-            "card",
-        ),
-        "set up and try": ("demo", "ports", "flash", "check", "sim", "completion"),
-    }
+# The rooms by the titles under which the help lists their commands.
+GROUPS = {
+    "the daemon": (daemon, keys),
+    "watch": (watch, body),
+    "command": (probe,),
+    "calibrate": (calibrate, params),
+    "logs": (recordings, importing, card),
+    "set up and try": (demo, ports, flash, check, sim, completion),
+}
 
 
 class _Version(argparse.Action):
@@ -81,7 +64,7 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands. The arguments that it returns have `run`: the
     function that runs the command and returns its exit code.
     """
-    parser = _Parser(
+    parser = GroupedParser(
         prog="imud",
         description="Makes the pose of imu-probes a network service.",
         epilog="example: imud run /dev/ttyUSB0, and in another terminal: imud listen",
@@ -92,8 +75,11 @@ def build_parser() -> argparse.ArgumentParser:
     parser.commands = parser.add_subparsers(
         metavar="COMMAND", required=True, parser_class=Parser
     )
-    for room in ROOMS:
-        room.add(parser.commands)
+    for title, rooms in GROUPS.items():
+        before = len(parser.commands.choices)
+        for room in rooms:
+            room.add(parser.commands)
+        parser.groups[title] = [*parser.commands.choices][before:]
     return parser
 
 

@@ -7,9 +7,9 @@ import argparse
 import difflib
 import shutil
 import textwrap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn
+from typing import Any, NoReturn
 
 # Names of the argument that is a command, and of a board.
 COMMANDS = ("COMMAND", "BOARD")
@@ -77,8 +77,11 @@ class Parser(argparse.ArgumentParser):
 class GroupedParser(Parser):
     """A parser whose commands are listed in groups: a title, and their names."""
 
-    groups: ClassVar[Mapping[str, Sequence[str]]] = {}
     commands: argparse._SubParsersAction[argparse.ArgumentParser] | None = None
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.groups: dict[str, list[str]] = {}
 
     def format_help(self) -> str:
         """The help with the commands under the titles of `groups`."""

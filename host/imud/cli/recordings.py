@@ -30,11 +30,11 @@ A_LOG = "an MCAP file, or a capture of a UART; -: standard input"
 
 def add(commands: Commands) -> None:
     _add_record(commands)
-    _add_decode(commands)
     _add_info(commands)
-    _add_recover(commands)
-    _add_replay(commands)
+    _add_decode(commands)
     _add_export(commands)
+    _add_replay(commands)
+    _add_recover(commands)
 
 
 def _add_record(commands: Commands) -> None:

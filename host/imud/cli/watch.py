@@ -24,11 +24,11 @@ ANGLES = ("aerospace", "nautical", "nectec", "matrix")
 
 
 def add(commands: Commands) -> None:
-    _add_listen(commands)
-    _add_strokes(commands)
     _add_list(commands)
     _add_monitor(commands)
     _add_view(commands)
+    _add_listen(commands)
+    _add_strokes(commands)
 
 
 def _add_listen(commands: Commands) -> None:

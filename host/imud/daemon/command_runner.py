@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""Carries out commands: a function for each handler of `imud/commands.py`, and those of
-`mark`, `aim` and `capture`.
-"""
+"""Carries out commands: a function for each row `by_daemon` of `imud/commands.py`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, assert_never
+from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
-from imud.commands import COMMANDS, LENT_MAX_S, Handler
-from imud.daemon.commands import Commander, arguments_of
+from imud.commands import COMMANDS, LENT_MAX_S
+from imud.daemon.commands import Commander, arguments_of, refuse_unknown
 from imud.daemon.intake import Intake
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import HistoryFiles
@@ -36,8 +35,7 @@ def mark(
     it is none.
     """
     value, text = _value(parameters.get("value")), parameters.get("text", "")
-    is_known = not parameters.keys() - MARK.argument_names
-    if not is_known or (value is None and not text) or len(text) > TEXT_MAX:
+    if (value is None and not text) or len(text) > TEXT_MAX:
         raise CommandRefused(MARK.usage)
     scales = entry.probe.scales
     pose = _pose_now(entry, now_ns)
@@ -72,7 +70,6 @@ def aim_at(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any] |
     if parameters == {"off": "1"}:
         entry.aim = None
         return None
-    unknown = parameters.keys() - {*Target.__struct_fields__}
     given: dict[str, Any] = dict(parameters)
     try:
         q = [float(part) for part in given.pop("q", "").split(",")]
@@ -82,19 +79,21 @@ def aim_at(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any] |
     except (ValueError, ZeroDivisionError, msgspec.ValidationError) as error:
         raise CommandRefused(AIM.usage) from error
     limits = (length, target.tolerance_deg, target.hold_s)
-    if unknown or not all(map(math.isfinite, limits)) or len(target.target) > NAME_MAX:
+    if (
+        "off" in parameters
+        or not all(map(math.isfinite, limits))
+        or len(target.target) > NAME_MAX
+    ):
         raise CommandRefused(AIM.usage)
     entry.aim = Aim(target)
     found: dict[str, Any] = msgspec.to_builtins(target)
     return found
 
 
-def capture(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any]:
+def capture(entry: ProbeEntry) -> dict[str, Any]:
     """Keeps the present orientation of a probe as a reference. Returns it, and the name
     by which `aim` takes it up; CommandRefused if there is no pose.
     """
-    if parameters:
-        raise CommandRefused("capture takes no arguments")
     name = entry.probe.references.capture()
     if not entry.pose:
         raise CommandRefused(
@@ -106,9 +105,15 @@ def capture(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any]:
 
 Parameters = Mapping[str, str]
 
-# Carries out a command: probe, command, parameters; ImudError with the reason if it
-# is not.
-Carry = Callable[[str, str, Parameters], Awaitable[Any]]
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A command to the probe of that name, and who gives it."""
+
+    probe: str
+    command: str
+    parameters: Parameters
+    by: str
 
 
 class CommandRunner:
@@ -132,28 +137,37 @@ class CommandRunner:
         self._lend_port = lend
         self._lent: dict[str, str] = {}  # by probe's id: its port
         self._encoder = msgspec.json.Encoder()
+        # Each returns the value, or raises an ImudError with the reason.
+        self.own: Mapping[str, Callable[[Request], Awaitable[Any]]] = {
+            "params": self._change_params,
+            "params_history": self._read_history,
+            "aim": self._aim,
+            "capture": self._capture,
+            "mark": self._mark,
+            "close": self._close_path,
+            "configure": self._configure,
+            "lend": self._lend,
+        }
 
-    async def run(self, probe: str, command: str, parameters: Parameters) -> Any:
+    async def run(self, request: Request) -> Any:
         """Carries out a command and returns its value; ImudError if it can't be."""
-        row = COMMANDS.get(command)
+        row = COMMANDS.get(request.command)
+        if row is not None and row.by_daemon:
+            refuse_unknown(row.name, request.parameters)
+            return await self.own[row.name](request)
         # An unknown command is refused as a probe's own ones are.
-        carry = self.bound(Handler.PROBE if row is None else row.handler)
-        return await carry(probe, command, parameters)
+        return await self._commander.command(
+            request.probe, request.command, request.parameters
+        )
 
-    async def answer(
-        self,
-        probe: str,
-        command: str,
-        parameters: Parameters,
-        answer: Answer,
-        by: str,
-    ) -> None:
+    async def answer(self, request: Request, answer: Answer) -> None:
         """Carries out a command and sends its value or the reason as the answer. What
         changes something is told to all, with who gave it.
         """
+        probe, command = request.probe, request.command
         try:
             entry = self._commander.heard(probe)
-            value = await self.run(probe, command, parameters)
+            value = await self.run(request)
         except ImudError as error:
             answer(b"", str(error))
         else:
@@ -161,67 +175,42 @@ class CommandRunner:
             answer(self._encoder.encode(reply), "")
             row = COMMANDS.get(command)
             if row is not None and row.is_told:
+                parameters, by = request.parameters, request.by
                 self._intake.tell_command(entry, command, parameters, by)
 
-    def bound(self, handler: Handler) -> Carry:
-        """The function of a handler."""
-        match handler:
-            case Handler.PROBE:
-                return self._commander.command
-            case Handler.PARAMS:
-                return self._change_params
-            case Handler.HISTORY:
-                return self._read_history
-            case Handler.AIM:
-                return self._aim
-            case Handler.CAPTURE:
-                return self._capture
-            case Handler.CLOSE:
-                return self._close_path
-            case Handler.CONFIGURE:
-                return self._configure
-            case Handler.LEND:
-                return self._lend
-            case Handler.MARK:
-                return self._mark
-        assert_never(handler)
+    def _entry(self, request: Request) -> ProbeEntry:
+        return self._commander.entry_of(request.probe)
 
-    async def _change_params(self, probe: str, _: str, parameters: Parameters) -> Any:
-        return await self._params.command(probe, parameters)
+    async def _change_params(self, request: Request) -> Any:
+        return await self._params.command(request.probe, request.parameters)
 
-    async def _read_history(self, probe: str, _: str, parameters: Parameters) -> Any:
-        probe_id = self._commander.entry_of(probe).probe.probe_id
-        return await self._history.command(probe_id, parameters)
+    async def _read_history(self, request: Request) -> Any:
+        probe_id = self._entry(request).probe.probe_id
+        return await self._history.command(probe_id, request.parameters)
 
-    async def _aim(self, probe: str, _: str, parameters: Parameters) -> Any:
-        return aim_at(self._commander.entry_of(probe), parameters)
+    async def _aim(self, request: Request) -> Any:
+        return aim_at(self._entry(request), request.parameters)
 
-    async def _capture(self, probe: str, _: str, parameters: Parameters) -> Any:
-        return capture(self._commander.entry_of(probe), parameters)
+    async def _capture(self, request: Request) -> Any:
+        return capture(self._entry(request))
 
-    async def _close_path(
-        self, probe: str, command: str, parameters: Parameters
-    ) -> Any:
-        if parameters:  # there is no such command with arguments
-            return await self._commander.command(probe, command, parameters)
-        return self._intake.close_path(self._commander.entry_of(probe))
+    async def _close_path(self, request: Request) -> Any:
+        return self._intake.close_path(self._entry(request))
 
-    async def _mark(self, probe: str, _: str, parameters: Parameters) -> Any:
-        entry = self._commander.entry_of(probe)
-        return self._intake.mark(entry, mark(entry, parameters, host_ns()))
+    async def _mark(self, request: Request) -> Any:
+        entry = self._entry(request)
+        return self._intake.mark(entry, mark(entry, request.parameters, host_ns()))
 
-    async def _configure(
-        self, probe: str, _: str, parameters: Parameters
-    ) -> dict[str, bool]:
-        probe_id = self._commander.entry_of(probe).probe.probe_id
-        return {"is_kept": await self._configure_probe(probe_id, parameters)}
+    async def _configure(self, request: Request) -> dict[str, bool]:
+        probe_id = self._entry(request).probe.probe_id
+        return {"is_kept": await self._configure_probe(probe_id, request.parameters)}
 
-    async def _lend(self, probe: str, command: str, parameters: Parameters) -> str:
+    async def _lend(self, request: Request) -> str:
         """The name of the port."""
-        seconds, _ = arguments_of(command, parameters)
+        seconds, _ = arguments_of(request.command, request.parameters)
         if not 0 <= seconds <= LENT_MAX_S:
-            raise CommandRefused(COMMANDS[command].usage)
-        entry = self._commander.heard(probe)
+            raise CommandRefused(COMMANDS[request.command].usage)
+        entry = self._commander.heard(request.probe)
         probe_id = entry.probe.probe_id
         port = self._lent.get(probe_id) if entry.port is None else entry.port.name
         if port is None or port.startswith("udp"):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from operator import itemgetter
 from typing import Any
 
-from imud.commands import COMMANDS, STREAMS, Argument, Handler
+from imud.commands import COMMANDS, STREAMS, Argument
 from imud.config.settings import ProbeSettings
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.errors import (
@@ -161,7 +161,7 @@ class Commander:
         """
         entry = self.entry_of(name)
         row = COMMANDS.get(command)
-        if row is None or row.handler is not Handler.PROBE:
+        if row is None or row.by_daemon:
             names = sorted(each.name for each in COMMANDS.values() if not each.topic)
             raise CommandRefused(
                 f"there is no command {shown(command)!r}, only {', '.join(names)}"

@@ -21,7 +21,7 @@ def configured(config: Config, probe_id: str, parameters: Mapping[str, str]) -> 
     """The configuration with another name of a probe, or with or without its log, until
     it is read again from its file; CommandRefused if that can't be.
     """
-    if not parameters or parameters.keys() - CONFIGURE.argument_names:
+    if not parameters:
         raise CommandRefused(CONFIGURE.usage)
     settings = config.settings_of(probe_id)
     if "rename" in parameters:

@@ -16,7 +16,7 @@ from typing import Any
 
 from imud.config.settings import Config, listens_on
 from imud.daemon import names
-from imud.daemon.command_runner import CommandRunner
+from imud.daemon.command_runner import CommandRunner, Request
 from imud.daemon.commands import Commander
 from imud.daemon.configure import configured
 from imud.daemon.hub import Hub
@@ -161,7 +161,7 @@ class Daemon:
         by: str,
     ) -> None:
         """Called in a thread of Zenoh, which may outlive the loop, or of the page."""
-        work = self._runner.answer(name, command, parameters, answer, by)
+        work = self._runner.answer(Request(name, command, parameters, by), answer)
         try:
             self._loop.call_soon_threadsafe(self._start, work)
         except RuntimeError:
@@ -346,7 +346,7 @@ class Daemon:
         """Sends a probe the commands that one of its stages asks for."""
         try:
             for command, parameters in order.commands:
-                await self._runner.run(name, command, parameters)
+                await self._runner.run(Request(name, command, parameters, "daemon"))
         except ImudError as error:
             text = f"probe {name}: {order.failure}: {error}"
             self._journal.write((order.failure, name), text, is_warning=True)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from imud.commands import COMMANDS
-from imud.daemon.commands import Commander, refuse_unknown, shown
+from imud.daemon.commands import Commander, shown
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, DeviceError, NoReply, ParamsError
 from imud.params.learned import filter_can_continue
@@ -194,7 +194,6 @@ def _check_boot(entry: ProbeEntry, boots: int) -> None:
 
 def _asked(parameters: Mapping[str, str]) -> Params:
     """The params that a command brings."""
-    refuse_unknown("params", parameters)
     text = parameters.get("records")
     if text is None or not re.fullmatch(r"([0-9a-fA-F]{2})*", text):
         raise CommandRefused(COMMANDS["params"].usage)

@@ -20,7 +20,6 @@ PROBE_ID = "00112233445566aa"
     ("given", "words"),
     [
         ({}, "configure needs"),
-        ({"rate": "5"}, "configure needs"),
         ({"log": "yes"}, "configure needs"),
         ({"rename": "a/b"}, "can't be part of a key, .*; try a-b"),
         ({"rename": "@Stylus 1"}, "; try Stylus-1"),

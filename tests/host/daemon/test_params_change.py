@@ -300,7 +300,6 @@ def test_what_a_probe_would_refuse_is_not_sent(
     [
         ({}, "needs records=hexadecimal digits"),
         ({"records": "0g"}, "needs records=hexadecimal digits"),
-        ({"records": "", "fast": "1"}, "params has no parameter fast"),
     ],
 )
 def test_a_query_that_makes_no_sense_is_refused(
