@@ -119,7 +119,7 @@ def test_one_group_is_measured(tmp_path: Path) -> None:
     assert groups.main(arguments=words) == 0
     found = json.loads(path.read_text())
     ((name, count, *_),) = found["tables"]["groups"]["rows"]
-    assert (name, count) == ("east_pendulum", 1)
+    assert (name, count) == ("east_pendulum", 8)
     assert [each["name"] for each in found["figures"]] == [
         "heading / VQF, east_pendulum"
     ]

@@ -36,7 +36,9 @@ CONDITIONS = 2 * (
     ("passing", "small"),
     ("magnet", "small"),
 )
-OWN = (("east", "crossed"),)
+# Pendulums have good modules in their second half.
+SWUNG = CONDITIONS[:7] + tuple((room, "good") for room, _ in CONDITIONS[7:])
+OWN = 4 * (("east", "crossed"), ("east", "good"))
 
 TUNING, JUDGING = "tuning", "judging"
 SETS = {TUNING: 0, JUDGING: 1}  # seeds: these, and every second one
@@ -51,8 +53,8 @@ class Group:
 
 
 GROUPS = {
-    "pendulum": Group(pendulum),
-    "two_axis_pendulum": Group(two_axis_pendulum),
+    "pendulum": Group(pendulum, SWUNG),
+    "two_axis_pendulum": Group(two_axis_pendulum, SWUNG),
     "east_pendulum": Group(east_pendulum, OWN),
     "turntable": Group(turntable),
     "centrifuge": Group(centrifuge),

@@ -71,14 +71,20 @@ def _pendulum(random: np.random.Generator, axes: int) -> Ride:
     return Ride(RigidBody(body.turning, body.at(arm)), rest_s).mounted(anyhow(random))
 
 
-def east_pendulum(_random: np.random.Generator) -> Ride:
+def east_pendulum(random: np.random.Generator) -> Ride:
     """A pendulum whose axis is the sensor's z and points east: what turning about this
     axis cannot tell from a heading error is the sensor's own field along it.
     """
     t, rest_s = times(168.0), 8.0
     axes = np.stack([Y, Z, X], axis=-1)  # body x north, y up, z east
     body = RigidBody.still(rotation.from_matrix(axes), len(t))
-    angle = swing(t, rest_s, rate_hz=0.67, degrees=50.0, mean_deg=20.0)
+    angle = swing(
+        t,
+        rest_s,
+        rate_hz=0.67 * random.uniform(0.9, 1.1),
+        degrees=random.uniform(40.0, 60.0),
+        mean_deg=random.uniform(10.0, 30.0),
+    )
     body = body.hinged(ORIGIN, about(Z, angle))
     return Ride(RigidBody(body.turning, body.at(-0.5 * Y)), rest_s)
 
