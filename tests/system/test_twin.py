@@ -33,11 +33,9 @@ def twin_when(client: Client, key: str, least: Any) -> dict[str, Any]:
             return twin
 
 
-def test_it_follows_a_live_probe_through_a_tare_and_its_button(stub: Stub) -> None:
+def test_it_follows_a_live_probe_through_a_tare_and_a_new_start(stub: Stub) -> None:
     hand = write_hand(stub.folder / "hand", 60)
-    presses = ("1500000:1600000", "8500000:8600000", "9500000:9600000")
-    options = [word for press in presses for word in ("--press", press)]
-    probe = LiveProbe(stub, "--motion", hand, *options)
+    probe = LiveProbe(stub, "--motion", hand, "--press", "1500000:1600000")
     with DaemonProcess(probe.port, "--twin", directory=stub.folder) as daemon:
         daemon.expect("its twin compares from")
         with Client(daemon.endpoint) as client:
@@ -45,7 +43,9 @@ def test_it_follows_a_live_probe_through_a_tare_and_its_button(stub: Stub) -> No
             for compared, what in ((100, "all"), (250, "heading")):
                 twin_when(client, "compared", compared)
                 assert client.command(name, "tare", what=what)["ok"]
+            assert client.command(name, "stop")["ok"]
             daemon.expect("stream stopped")
+            assert client.command(name, "start")["ok"]
             daemon.expect("its twin compares from")
             twin = twin_when(client, "compared", 1000)
             (status,) = client.statuses()
