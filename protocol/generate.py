@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Makes C, Python, MicroPython and the tables of PROTOCOL.md from schema.toml, and the
-table of commands in docs/pose.md.
+types of what is published, the table of commands and others in docs/pose.md.
 
 `python protocol/generate.py` writes the files that are stale; with `--check` it writes
 nothing, but names them and exits with 1.
@@ -13,7 +13,14 @@ import difflib
 import sys
 from pathlib import Path
 
-from generator import c_code, commands, micropython_code, python_code, tables
+from generator import (
+    c_code,
+    commands,
+    micropython_code,
+    published,
+    python_code,
+    tables,
+)
 from generator.checker import load
 from generator.schema import Schema, SchemaError
 
@@ -25,6 +32,9 @@ C_RECORDS = Path("firmware/core/params/records.h")
 PYTHON = Path("host/imud/wire/schema.py")
 MICROPYTHON = Path("firmware/micropython/probe/wire.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
+PUBLISHED = Path("protocol/published.toml")
+TYPES = Path("host/imud/published.py")
+SCRIPT = Path("host/imud/web/site/published.js")
 POSE = Path("docs/pose.md")
 KEPT = Path("host/imud/wire/schemas")  # every schema that a probe or a log may have
 
@@ -34,6 +44,8 @@ DIFF_LINES = 20  # shown of a stale file
 def outputs(schema: Schema) -> dict[Path, str]:
     """The text of each generated file, by its path below the project's root."""
     document = (ROOT / DOCUMENT).read_text("utf-8")
+    pose = (ROOT / POSE).read_text("utf-8")
+    structs = published.load(ROOT / PUBLISHED, schema)
     return {
         C_HEADER: c_code.header(schema),
         C_SOURCE: c_code.source(schema),
@@ -42,7 +54,9 @@ def outputs(schema: Schema) -> dict[Path, str]:
         KEPT / f"{schema.fingerprint:08x}.txt": schema.canonical,
         MICROPYTHON: micropython_code.module(schema),
         DOCUMENT: tables.document(schema, document),
-        POSE: commands.document((ROOT / POSE).read_text("utf-8")),
+        TYPES: published.python(structs),
+        SCRIPT: published.script(structs),
+        POSE: commands.document(published.document(structs, pose)),
     }
 
 

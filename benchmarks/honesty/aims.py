@@ -33,7 +33,8 @@ from benchmarks.honesty.since_origin import (
 )
 from imud import rotation
 from imud.probes.aim import Aim, Target
-from imud.probes.references import References, SinceErrors
+from imud.probes.references import References
+from imud.published import SinceOrigin
 from imud.rotation import FloatArray
 from imud.virtual.motion import Motion
 from imud.virtual.motions import aiming
@@ -49,7 +50,7 @@ STEADY_DPS = 3.0  # it holds still below this rate
 GREEN_S = 10.0
 YOUNG_S = 30.0
 # A pose as published, and its errors since the origin; None: before it.
-Told = tuple[dict[str, Any], SinceErrors | None]
+Told = tuple[dict[str, Any], SinceOrigin | None]
 AGES_S = (15.0, YOUNG_S, 60.0, 180.0)
 
 

@@ -16,7 +16,8 @@ from imud import rotation
 from imud.calibration.recording import Sample, Scale
 from imud.check.still import StillWindow
 from imud.params.value import Params
-from imud.probes.references import References, SinceErrors
+from imud.probes.references import References
+from imud.published import SinceOrigin
 from imud.rotation import FloatArray
 
 REST_S = 3.0  # the rest at each end, in which the filter levels
@@ -45,7 +46,7 @@ class TurnSeen:
     gyr: FloatArray  # counts, from the first sample of the first rest on
     steps_s: FloatArray  # from each of these to the next
     temperature_c: float | None
-    since: SinceErrors | None  # of the second pose, relative to the first
+    since: SinceOrigin | None  # of the second pose, relative to the first
 
 
 @dataclass(slots=True)

@@ -3,16 +3,9 @@
 
 from imud.client.client import Client, Delivery
 from imud.client.missed import Missed
-from imud.client.published import (
-    Event,
-    Pose,
-    Published,
-    Raw,
-    SinceOrigin,
-    Status,
-    Topic,
-)
+from imud.client.published import Pose, Published, Status, Topic
 from imud.client.subscriber import Subscription, subscribe
+from imud.published import Event, Raw, SinceOrigin
 from imud.rotation import Angles
 
 __all__ = [

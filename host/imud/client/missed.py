@@ -9,8 +9,8 @@ from operator import itemgetter
 
 import msgspec
 
-from imud.client.published import Numbered
 from imud.net.access import is_id
+from imud.published import Numbered
 
 
 class Missed(msgspec.Struct, frozen=True):

@@ -20,9 +20,10 @@ import msgspec
 
 from imud.client.client import Client, Delivery
 from imud.client.missed import Followed, Missed, Series
-from imud.client.published import KINDS, Numbered, Pose, Published, Status, Topic
+from imud.client.published import KINDS, Pose, Published, Status, Topic
 from imud.defaults import ENDPOINT, PREFIX
 from imud.errors import ConfigError, ImudError
+from imud.published import Numbered
 
 # How many messages may wait for this program: 30 s of one probe at 200 Hz.
 WAITING_MAX = 6000

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from imud import rotation
-from imud.probes.references import SinceErrors
+from imud.published import SinceOrigin
 from imud.rotation import FloatArray
 
 Axis = Literal["x", "y", "z", "all"]
@@ -66,7 +66,7 @@ class Aim:
         return self._target.capture
 
     def measure(
-        self, pose: Mapping[str, Any], captured: SinceErrors | None = None
+        self, pose: Mapping[str, Any], captured: SinceOrigin | None = None
     ) -> dict[str, Any]:
         """A published pose as plain values. `captured`: its errors since
         the target was captured; None: it was not, or that is not known any more.
@@ -143,11 +143,11 @@ class Aim:
         return held_s
 
 
-def sigmas_of(pose: Mapping[str, Any], captured: SinceErrors | None = None) -> Sigmas:
+def sigmas_of(pose: Mapping[str, Any], captured: SinceOrigin | None = None) -> Sigmas:
     """By what a pose is judged: its errors since the target was captured, else since
     the origin, else the absolute ones.
     """
-    origin: SinceErrors | None = pose.get("since_origin")
+    origin: SinceOrigin | None = pose.get("since_origin")
     if captured is not None and captured.void is None:
         return Sigmas(
             captured.tilt_sigma_deg, captured.heading_sigma_deg, "capture", None
@@ -162,7 +162,7 @@ def sigmas_of(pose: Mapping[str, Any], captured: SinceErrors | None = None) -> S
     return Sigmas(tilt, turn, None, _void(captured) or _void(origin))
 
 
-def _void(found: SinceErrors | None) -> str | None:
+def _void(found: SinceOrigin | None) -> str | None:
     return None if found is None else found.void
 
 

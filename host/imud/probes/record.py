@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from imud import published
 from imud.probes.north import North
 from imud.probes.references import References
 from imud.probes.scales import Scales
@@ -17,25 +18,16 @@ from imud.probes.self_test import Responses, verdicts_of
 from imud.wire.messages import Message, Value, decode
 
 # Messages published as JSON under their own names; others only as frames.
-JSON_TOPICS = frozenset({"pose", "raw", "event", "stroke"})
+JSON_TOPICS = frozenset(published.WIRE)
 
 # Keys of the daemon's own records, and what the messages of that name are called.
 TOPICS = {"status": "counters", "params": "params_part"}
 
 # Each object begins with these; without the last two where no host dated it.
-HEAD = (
-    "type",
-    "probe",
-    "seq",
-    "number",
-    "missing",
-    "t_device_us",
-    "t_ns",
-    "t_bound_us",
-    "age_us",
-    "utc_host",
-    "utc_bound_us",
-)
+HEAD = ("type", *published.Numbered.__struct_fields__)
+
+# Of a message: the names that its fields are published by, and the fields.
+_PUBLISHED = {topic: (*names.items(),) for topic, names in published.WIRE.items()}
 
 _ENCODER = msgspec.json.Encoder()
 
@@ -147,37 +139,23 @@ def describe(
     }
     if stamp.whose is not None:
         head["utc_host"], head["utc_bound_us"] = stamp.whose
-    if message.name == "pose":
-        head["q"] = fields["q"]
-        head["position_m"] = fields["position"]
-        head["normal"] = fields["normal"]
-        head["tilt_sigma_deg"] = fields["tilt_sigma"]
-        head["heading_sigma_deg"] = fields["heading_sigma"]
-        head["flags"] = fields["pose_flags"]
-        if references is not None:
-            head["since_origin"] = references.on_pose(head)
+    if message.name not in _PUBLISHED:
+        head |= {name: plain(value) for name, value in fields.items()}
+        if message.name == "self_test":
+            head["verdicts"] = _verdicts(message, scales)
         return head
-    if message.name == "stroke":
-        return head | stroke_of(fields)
     if message.name == "raw":
-        acc, gyr, mag = scales.measure(content)
-        return head | {
-            "acc_m_s2": acc,
-            "gyr_rad_s": gyr,
-            "mag_uT": mag,
-            "params_digest": scales.digest,
-            "temperature_c": fields["temperature"],
-            "acc_counts": fields["acc"],
-            "gyr_counts": fields["gyr"],
-            "mag_counts": fields["mag"],
-            "flags": fields["sample_flags"],
-        }
-    values = {name: plain(value) for name, value in fields.items()}
-    if message.name == "event" and references is not None:
-        references.on_event(values, stamp.t_device_us)
-    if message.name == "self_test":
-        values["verdicts"] = _verdicts(message, scales)
-    return head | values
+        head["acc_m_s2"], head["gyr_rad_s"], head["mag_uT"] = scales.measure(content)
+        head["params_digest"] = scales.digest
+    for name, field in _PUBLISHED[message.name]:
+        head[name] = fields[field]
+    if message.name == "stroke":
+        head |= _of_a_stroke(fields)
+    elif message.name == "pose" and references is not None:
+        head["since_origin"] = references.on_pose(head)
+    elif message.name == "event" and references is not None:
+        references.on_event(fields, stamp.t_device_us)
+    return head
 
 
 def _verdicts(message: Message, scales: Scales) -> dict[str, str]:
@@ -204,20 +182,13 @@ STROKE_ADVICE = {
 }
 
 
-def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:
-    """A stroke, its sigmas for each axis of the world."""
-    values: dict[str, Any] = {
-        "stroke": fields["stroke"],
-        "end": fields["end"],
-        "windows": fields["windows"],
-        "displacement_m": fields["displacement"],
+def _of_a_stroke(fields: Mapping[str, Value]) -> dict[str, Any]:
+    """Its sigmas for each axis of the world, and what to do where it has no length."""
+    return {
         "displacement_sigma_m": _of_axes(fields["displacement_sigma"]),
-        "path_m": fields["path"],
         "path_sigma_m": _of_axes(fields["path_sigma"]),
-        "flags": fields["stroke_flags"],
         "advice": STROKE_ADVICE.get(str(fields["end"])),
     }
-    return values
 
 
 def _of_axes(sigma: Value) -> tuple[float, float, float] | None:

@@ -10,8 +10,6 @@ import secrets
 from collections.abc import Mapping
 from typing import Any
 
-import msgspec
-
 from imud.probes.relative_error import (
     Quality,
     Quat,
@@ -22,6 +20,7 @@ from imud.probes.relative_error import (
     quality_of,
     tilt_variance,
 )
+from imud.published import SinceOrigin
 
 # Poses are compared over this time, whatever their rate. Below 10 Hz, from each to the
 # next.
@@ -40,17 +39,6 @@ ORIGIN_ALL, ORIGIN_HEADING = 0, 1
 
 # Events after which errors have nothing to do with those before.
 ENDINGS = frozenset({"restarted", "params_changed"})
-
-
-class SinceErrors(msgspec.Struct, frozen=True):
-    """One-sigma errors of a pose since a moment, in degrees. None: not known."""
-
-    heading_sigma_deg: float | None
-    tilt_sigma_deg: float | None
-    age_s: float | None  # since then; None: it is not known when it was
-    # Why nothing is known of it any more: starting, gap, pause, restarted,
-    # params_changed, origin_changed, unheard. None: it holds.
-    void: str | None = None
 
 
 class ReferencePose:
@@ -128,7 +116,7 @@ class References:
         self._forget()
         self._void_captures("restarted")
 
-    def on_pose(self, pose: Mapping[str, Any]) -> SinceErrors | None:
+    def on_pose(self, pose: Mapping[str, Any]) -> SinceOrigin | None:
         """Follows a pose as it is published. Its errors since the origin; None: there
         is no origin.
         """
@@ -163,13 +151,13 @@ class References:
             del self._captures[next(iter(self._captures))]
         return name
 
-    def since_capture(self, name: str) -> SinceErrors | None:
+    def since_capture(self, name: str) -> SinceOrigin | None:
         """Errors of the last pose since that was captured; None: unknown."""
         reference = self._captures.get(name)
         if reference is not None:
             return self._since(reference)
         why = self._ended.get(name)
-        return None if why is None else SinceErrors(None, None, None, why)
+        return None if why is None else SinceOrigin(None, None, None, why)
 
     def _end(self, why: str) -> None:
         if self._origin is not None and self._origin.void is None:
@@ -231,15 +219,15 @@ class References:
             self._origin = ReferencePose(UNTURNED, 0, pose, self._turning)
             self._origin.void = "unheard"
 
-    def _since(self, then: ReferencePose) -> SinceErrors:
+    def _since(self, then: ReferencePose) -> SinceOrigin:
         pose = self._pose
         if pose is None:
-            return SinceErrors(None, None, None, then.void)
+            return SinceOrigin(None, None, None, then.void)
         t_us: int = pose["t_device_us"]
         age_s = max(0.0, (t_us - then.t_us) * 1e-6)
         if then.void is not None:
             age = None if then.void == "unheard" else age_s
-            return SinceErrors(None, None, age, then.void)
+            return SinceOrigin(None, None, age, then.void)
         (w0, x0, y0, z0), (w1, x1, y1, z1) = then.q, pose["q"]
         cosine = min(1.0, abs(w0 * w1 + x0 * x1 + y0 * y1 + z0 * z1))
         half_sine = 2.0 * math.sqrt(1.0 - cosine * cosine)
@@ -252,7 +240,7 @@ class References:
                 tilt = round(capped(least, tilt2 + tilt2_then), 3)
         if heading is not None:
             heading = self._heading(then, heading * heading, age_s, half_sine)
-        return SinceErrors(heading, tilt, age_s)
+        return SinceOrigin(heading, tilt, age_s)
 
     def _heading(
         self, then: ReferencePose, heading2: float, age_s: float, half_sine: float

@@ -24,7 +24,6 @@ from imud.log.writer import MAGIC
 from imud.probes.first_hello import first_hello, probe_in_file, probe_of
 from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe
-from imud.probes.references import SinceErrors
 from imud.probes.session import (
     Event,
     OtherSchema,
@@ -32,6 +31,7 @@ from imud.probes.session import (
     Received,
     Session,
 )
+from imud.published import SinceOrigin
 from imud.recordings.damage import DamageCount
 from imud.recordings.foreign_log import log_of_foreign
 from imud.recordings.foreign_table import is_foreign
@@ -265,7 +265,7 @@ def words(item: dict[str, Any]) -> str:
         text += f"  heading {_sigma(item['heading_sigma_deg'])}"
         if item["position_m"] is not None:
             text += "  at " + _vector(item["position_m"], "m", 4)
-        since: SinceErrors | None = item["since_origin"]
+        since: SinceOrigin | None = item["since_origin"]
         if since is not None:
             text += f"  since the origin: tilt {_sigma(since.tilt_sigma_deg)}"
             text += f"  heading {_sigma(since.heading_sigma_deg)}"

@@ -21,11 +21,11 @@ import msgspec
 
 from imud.client.client import Client, Delivery
 from imud.client.missed import Followed, Missed, Series
-from imud.client.published import Numbered
 from imud.errors import FileError
 from imud.log.file import Settings
 from imud.net.access import READS
 from imud.probes.record import Record
+from imud.published import WIRE, Numbered
 from imud.sinks.log import FLUSH_S, LogSink
 from imud.wire import schema
 from imud.wire.frame import HELLO_ID
@@ -34,7 +34,7 @@ TOPICS = READS["recorder"]
 GAP = "gap"  # topic of the recorder's own records: what is missing before a message
 
 # Topics whose messages are numbered without gaps.
-NUMBERED = frozenset({"pose", "raw", "event", "stroke"})
+NUMBERED = frozenset(WIRE)
 
 # Messages that may wait for the disk: 5 s of 64 probes at 200 Hz, poses and frames.
 WAITING_MAX = 128_000

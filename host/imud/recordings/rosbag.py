@@ -17,7 +17,7 @@ import msgspec
 from imud.errors import FileError
 from imud.log.reader import METADATA_OF_PROBES, Logged, size_of
 from imud.probes.record import Record
-from imud.probes.references import SinceErrors
+from imud.published import SinceOrigin
 from imud.recordings.damage import DamageCount
 from imud.recordings.each_log import each_of, items_of, tell_flaws, tell_fused
 from imud.recordings.fused import FusedLog
@@ -61,7 +61,7 @@ class ProbeInLog:
         """Messages for an object of a log; raises one of STRANGE."""
         values = msgspec.json.decode(item.data, type=dict[str, Any])
         if values.get("since_origin") is not None:
-            since = msgspec.convert(values["since_origin"], SinceErrors)
+            since = msgspec.convert(values["since_origin"], SinceOrigin)
             values["since_origin"] = since
         record = Record(
             item.probe,

@@ -24,7 +24,7 @@ from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.double_click import PathCloser
 from imud.probes.path import StrokePath
-from imud.probes.record import stroke_of
+from imud.probes.record import STROKE_ADVICE
 from imud.wire.messages import Message, decode, encode
 from imud.wire.schema import StrokeEnd
 from streaming import Streaming
@@ -53,7 +53,7 @@ def test_a_stroke_without_length_says_why() -> None:
         content = encode("stroke", EXAMPLES["stroke"] | {"end": end.name.lower()}, 1, 2)
         told = decode(content)
         assert isinstance(told, Message)
-        advice = stroke_of(told.fields)["advice"]
+        advice = STROKE_ADVICE.get(str(told.fields["end"]))
         assert (advice is None) == (end in (0, 1, 2))
     lost |= {"end": "no_rest", "advice": "lay it still first"}
     assert line_of(lost).endswith("  no_rest: lay it still first")

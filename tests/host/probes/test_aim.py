@@ -14,14 +14,14 @@ import pytest
 
 from chain import Chain
 from imud import rotation
-from imud.client import Pose, SinceOrigin
+from imud.client import Pose
 from imud.config import reader
 from imud.daemon.command_runner import aim_at
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.aim import Aim, Target
-from imud.probes.references import SinceErrors
+from imud.published import SinceOrigin
 from imud.recordings.export import names_of, row_of
 
 UPRIGHT = tuple(map(float, rotation.from_heading_pitch_roll(0.0, -math.pi / 2, 0.0)))
@@ -69,8 +69,8 @@ def test_the_sigma_is_that_of_what_turns_the_axis() -> None:
     assert sigma(LEVEL, "x", tilt_sigma_deg=None) is None
 
 
-SINCE = SinceErrors(0.12, 0.05, 60.0)
-LOST = SinceErrors(None, None, 60.0, "gap")
+SINCE = SinceOrigin(0.12, 0.05, 60.0)
+LOST = SinceOrigin(None, None, 60.0, "gap")
 
 
 def test_an_origin_makes_the_errors_since_it_count() -> None:
@@ -82,7 +82,7 @@ def test_an_origin_makes_the_errors_since_it_count() -> None:
     tared = pose(UPRIGHT, flags=("tared",), since_origin=SINCE)
     upright = Aim(Target(UPRIGHT)).measure(tared)
     assert upright["sigma_deg"] == pytest.approx(0.05)
-    unknown = SinceErrors(None, 0.05, 60.0)
+    unknown = SinceOrigin(None, 0.05, 60.0)
     measured = aim.measure(pose(LEVEL, flags=("tared",), since_origin=unknown))
     assert (measured["sigma_deg"], measured["state"]) == (None, "unsure")
 
@@ -96,7 +96,7 @@ def test_an_origin_that_is_void_leaves_the_absolute_errors_of_both_ends() -> Non
 
 def test_a_capture_counts_before_the_origin_and_says_when_it_is_void() -> None:
     aim = Aim(Target(LEVEL, axis="all", capture="00"))
-    tared = pose(LEVEL, flags=("tared",), since_origin=SinceErrors(0.4, 0.3, 99.0))
+    tared = pose(LEVEL, flags=("tared",), since_origin=SinceOrigin(0.4, 0.3, 99.0))
     measured = aim.measure(tared, SINCE)
     assert measured["sigma_deg"] == pytest.approx(0.13)
     assert (measured["since"], measured["void"]) == ("capture", None)

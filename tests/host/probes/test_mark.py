@@ -10,7 +10,7 @@ import pytest
 
 from imud.params.value import Params
 from imud.probes.mark import mark_of
-from imud.probes.references import SinceErrors
+from imud.published import SinceOrigin
 
 POSE: dict[str, Any] = {
     "number": 7,
@@ -39,11 +39,11 @@ def test_the_errors_of_tip_attitude_and_strokes_add_up() -> None:
 
 
 def test_errors_since_the_origin_go_before_those_in_the_world() -> None:
-    since = SinceErrors(0.2, 0.1, 5.0)
+    since = SinceOrigin(0.2, 0.1, 5.0)
     found = mark_of(POSE | {"since_origin": since}, TIP, [], 1.0, "")
     assert (found["tilt_sigma_deg"], found["heading_sigma_deg"]) == (0.1, 0.2)
     assert found["position_sigma_m"] < 0.0011
-    void = SinceErrors(0.2, 0.1, 5.0, "gap")
+    void = SinceOrigin(0.2, 0.1, 5.0, "gap")
     found = mark_of(POSE | {"since_origin": void}, TIP, [], 1.0, "")
     assert found["heading_sigma_deg"] == 3.0
 

@@ -15,7 +15,8 @@ import pytest
 from imud import rotation
 from imud.params.trusted import known_to
 from imud.params.value import Params
-from imud.probes.references import CAPTURES_MAX, References, SinceErrors
+from imud.probes.references import CAPTURES_MAX, References
+from imud.published import SinceOrigin
 
 ROOT = Path(__file__).resolve().parents[3]
 VALUES = {"bias_counts": [0.0] * 3, "matrix": np.eye(3).tolist(), "method": "measured"}
@@ -44,7 +45,7 @@ class Told:
         self.flags: tuple[str, ...] = ()
         self.sigmas: tuple[float | None, float | None] = 1.2, 0.4
 
-    def pose(self, q: tuple[float, ...] = LEVEL, *flags: str) -> SinceErrors | None:
+    def pose(self, q: tuple[float, ...] = LEVEL, *flags: str) -> SinceOrigin | None:
         self.time_us += self.period_us
         heading, tilt = self.sigmas
         return self.references.on_pose(
@@ -59,7 +60,7 @@ class Told:
 
     def poses(
         self, seconds: float, q: tuple[float, ...] = LEVEL, *flags: str
-    ) -> SinceErrors:
+    ) -> SinceOrigin:
         found = None
         for _ in range(max(1, round(seconds * 1e6 / self.period_us))):
             found = self.pose(q, *flags)
@@ -100,12 +101,12 @@ def tared(hz: float = 100.0) -> Told:
     return told
 
 
-def heading_of(found: SinceErrors | None) -> float:
+def heading_of(found: SinceOrigin | None) -> float:
     assert found.heading_sigma_deg is not None
     return found.heading_sigma_deg
 
 
-def tilt_of(found: SinceErrors | None) -> float:
+def tilt_of(found: SinceOrigin | None) -> float:
     assert found.tilt_sigma_deg is not None
     return found.tilt_sigma_deg
 
@@ -217,7 +218,7 @@ def test_a_lost_attitude_voids_the_origin_until_the_next(flags: tuple[str]) -> N
     assert found.void == flags[0]
     assert found.age_s is not None
     captured = told.references.since_capture(name)
-    assert captured == SinceErrors(None, None, None, flags[0])
+    assert captured == SinceOrigin(None, None, None, flags[0])
     told.tare()
     assert told.poses(0.5).void is None
 
@@ -254,7 +255,7 @@ def test_an_origin_from_before_the_daemon_is_not_known() -> None:
     told = Told()
     told.flags = ("tared",)
     found = told.poses(1.0)
-    assert found == SinceErrors(None, None, None, "unheard")
+    assert found == SinceOrigin(None, None, None, "unheard")
     told.tare()
     assert told.poses(1.0).void is None
 

@@ -11,7 +11,7 @@ import pytest
 
 from fakes import HELLO
 from fakes.records import calibrated_records, calibration_record
-from imud.probes.references import SinceErrors
+from imud.published import SinceOrigin
 from imud.ros2 import cdr
 from imud.ros2.covariance import FREE_RAD2, orientation_covariance
 from imud.sinks.ros2 import RosTranslator
@@ -19,7 +19,7 @@ from imud.wire.messages import encode
 from ros_values import RATE, pose, raw, sent_by
 
 
-def covariance(since: SinceErrors | None, **fields: Any) -> Any:
+def covariance(since: SinceOrigin | None, **fields: Any) -> Any:
     pose = {
         "tilt_sigma_deg": 0.5,
         "heading_sigma_deg": 2.0,
@@ -30,15 +30,15 @@ def covariance(since: SinceErrors | None, **fields: Any) -> Any:
 
 
 def test_with_an_origin_it_is_the_error_since_then() -> None:
-    found = covariance(SinceErrors(0.12, 0.05, 60.0))
+    found = covariance(SinceOrigin(0.12, 0.05, 60.0))
     assert np.allclose(found, np.diag(np.radians([0.05, 0.05, 0.12]) ** 2))
-    assert covariance(SinceErrors(None, 0.05, 60.0))[2, 2] == FREE_RAD2
+    assert covariance(SinceOrigin(None, 0.05, 60.0))[2, 2] == FREE_RAD2
     unknown = orientation_covariance(
         {
             "tilt_sigma_deg": None,
             "heading_sigma_deg": None,
             "flags": ("tared",),
-            "since_origin": SinceErrors(None, None, 60.0),
+            "since_origin": SinceOrigin(None, None, 60.0),
         }
     )
     assert unknown is cdr.ABSENT
@@ -46,7 +46,7 @@ def test_with_an_origin_it_is_the_error_since_then() -> None:
 
 def test_while_that_is_not_known_both_ends_count() -> None:
     both = 2.0 * np.diag(np.radians([0.5, 0.5, 2.0]) ** 2)
-    for since in (SinceErrors(None, None, 60.0, "gap"), None):
+    for since in (SinceOrigin(None, None, 60.0, "gap"), None):
         assert np.allclose(covariance(since), both)
     assert covariance(None, heading_sigma_deg=100.0)[2, 2] == FREE_RAD2
 
