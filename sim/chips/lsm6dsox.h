@@ -49,7 +49,7 @@ struct lsm6dsox_chip_config {
     double rate_error_ppm;    // of its clock; positive is fast
     uint64_t reset_ns;        // how long SW_RESET takes
     uint64_t gyr_turn_on_ns;  // from power-down until readings are good
-    uint8_t who_am_i;         // 0x6C; 0x6B is an ISM330DHCX
+    uint8_t who_am_i;         // 0x6C; of a relative: `pairs` in module.c
     bool sa0;                 // level of the pin: address 0x6A or 0x6B
 };
 

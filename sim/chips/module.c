@@ -2,6 +2,7 @@
 // See module.h.
 #include "module.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,12 +18,37 @@ struct module {
     struct i2c_bus bus;
 };
 
-static bool is_pair(const char *name) {
-    return name != NULL && strcmp(name, "lsm6dsox") == 0;
+// The inertial chips of the pair: their names, and what WHO_AM_I answers.
+static const struct pair {
+    const char *name;
+    uint8_t who_am_i;
+} pairs[] = {
+    {"lsm6dsox", 0x6C},    // DS table 41; AD: LSM6DSOX_CHIP_ID
+    {"ism330dhcx", 0x6B},  // AD: ISM330DHCX_CHIP_ID; LX: st_lsm6dsx_sensor_settings
+};
+
+enum { PAIRS = sizeof pairs / sizeof pairs[0] };
+
+static const struct pair *pair_of(const char *name) {
+    for (int i = 0; name != NULL && i < PAIRS; i++) {
+        if (strcmp(name, pairs[i].name) == 0) {
+            return &pairs[i];
+        }
+    }
+    return NULL;
 }
 
-bool module_is_known(const char *name) {
-    return name == NULL || strcmp(name, "mpu9250") == 0 || is_pair(name);
+const char *module_misnamed(const char *name) {
+    static char words[80];
+    if (name == NULL || strcmp(name, "mpu9250") == 0 || pair_of(name) != NULL) {
+        return NULL;
+    }
+    (void)snprintf(words, sizeof words, "--sensor is one of mpu9250");
+    for (int i = 0; i < PAIRS; i++) {
+        const size_t length = strlen(words);
+        (void)snprintf(words + length, sizeof words - length, ", %s", pairs[i].name);
+    }
+    return words;
 }
 
 static void configure(struct sensor_chip_config *sensor,
@@ -41,13 +67,15 @@ static void add(struct module *module, struct sensor_chip *chip) {
 
 struct module *module_new(const struct module_config *config) {
     struct module *module =
-        module_is_known(config->name) ? calloc(1, sizeof *module) : NULL;
+        module_misnamed(config->name) == NULL ? calloc(1, sizeof *module) : NULL;
     if (module == NULL) {
         return NULL;
     }
-    const unsigned count = is_pair(config->name) ? 2 : 1;
-    if (is_pair(config->name)) {
+    const struct pair *pair = pair_of(config->name);
+    const unsigned count = pair != NULL ? 2 : 1;
+    if (pair != NULL) {
         struct lsm6dsox_chip_config imu = lsm6dsox_chip_defaults();
+        imu.who_am_i = pair->who_am_i;
         struct lis3mdl_chip_config mag = lis3mdl_chip_defaults();
         configure(&imu.sensor, config);
         configure(&mag.sensor, config);

@@ -2,10 +2,11 @@
 // A sensor module as a virtual board has it: the chips on it, their wire, and the pin
 // that signals new data.
 //
-// mpu9250   an MPU-9250; its pin is INT.
-// lsm6dsox  Adafruit 4517: an LSM6DSOX and a LIS3MDL, at 0x6A and 0x1C; the pin is INT1
-//           of the LSM6DSOX. The magnetometer's DRDY is not connected, as no STEMMA QT
-//           cable has wires for either.
+// mpu9250     an MPU-9250; its pin is INT.
+// lsm6dsox    Adafruit 4517: an LSM6DSOX and a LIS3MDL, at 0x6A and 0x1C; the pin is
+//             INT1 of the LSM6DSOX. The magnetometer's DRDY is not connected, as no
+//             STEMMA QT cable has wires for either.
+// Others are the same with a relative of the LSM6DSOX: `pairs` in module.c.
 //
 // The axes of the pair: both dies measure along the same ones, x, y and z of the
 // LSM6DSOX. No picture of the 4517 was at hand. Adafruit's AHRS library joins both dies
@@ -31,7 +32,8 @@ struct module_config {
 
 struct module;
 
-bool module_is_known(const char *name);
+// What is wrong with a name, in words; null: nothing.
+const char *module_misnamed(const char *name);
 // A module whose power comes at time 0. Null where memory is out or the name is not
 // known.
 struct module *module_new(const struct module_config *config);

@@ -18,7 +18,7 @@
 static const char usage_text[] =
     "usage: nano" RUN_OPTIONS "            [--profile FILE]"
     " [--bootloader FILE.hex]\n"
-    "            [--sensor mpu9250|lsm6dsox] [--ready wire|none]\n"
+    "            [--sensor NAME] [--ready wire|none]\n"
     "       nano --self-test [--without NAME]\n"
     "       nano --version\n";
 
@@ -194,8 +194,8 @@ static struct profile_time profile_now(const void *self) {
 
 static const char *check(const void *self) {
     const struct nano *board = self;
-    return module_is_known(board->sensor) ? run_check_ready(board->ready)
-                                          : "--sensor is mpu9250 or lsm6dsox";
+    const char *wrong = module_misnamed(board->sensor);
+    return wrong == NULL ? run_check_ready(board->ready) : wrong;
 }
 
 static const struct fault_kinds *fault_kinds(const void *self) {

@@ -52,7 +52,7 @@ static struct run the_run;
 
 static const char usage_text[] =
     "usage: pico" RUN_OPTIONS "            [--wire usb|uart] [--ready wire|none]\n"
-    "            [--sensor mpu9250|lsm6dsox]\n"
+    "            [--sensor NAME]\n"
     "       pico --version\n"
     "--eeprom is what survives power: all of flash, over which the image is put\n"
     "--wire is which of its two ports the host has: usb, unless told otherwise\n"
@@ -338,8 +338,8 @@ static void report(void *self, struct run_report *out) {
 
 static const char *check(const void *self) {
     const struct pico *pico = self;
-    return module_is_known(pico->sensor) ? run_check_ready(pico->ready)
-                                         : "--sensor is mpu9250 or lsm6dsox";
+    const char *wrong = module_misnamed(pico->sensor);
+    return wrong == NULL ? run_check_ready(pico->ready) : wrong;
 }
 
 static const struct fault_kinds *fault_kinds(const void *self) {

@@ -267,7 +267,7 @@ const struct fault_kinds *faults_of_module(const char *name) {
     static const struct fault_kinds mpu9250 = {.no_mag = "no_ak8963",
                                                .has_aux_bus = true};
     static const struct fault_kinds lsm6dsox = {.no_mag = "no_mag", .has_dies = true};
-    return name != NULL && strcmp(name, "lsm6dsox") == 0 ? &lsm6dsox : &mpu9250;
+    return name == NULL || strcmp(name, "mpu9250") == 0 ? &mpu9250 : &lsm6dsox;
 }
 
 bool faults_load(struct faults *faults, const char *path,

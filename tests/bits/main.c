@@ -94,6 +94,7 @@ static void take_hello(uint8_t length) {
     }
     identity = (struct sensor_identity){
         .kind = hello.sensor,
+        .who_am_i = {hello.who_am_i[0]},
         .rate_hz = hello.sample_rate,
         .gyr_lsb_nrad_s = hello.gyr_lsb,
         .acc_lsb_nm_s2 = hello.acc_lsb,

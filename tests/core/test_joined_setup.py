@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from core.joined_chip import Chips, Inertial, Magnetic, lib
+from core.joined_chip import Chips, Inertial, Magnetic, ffi, lib
 from core.joined_desk import Bench, running
 from core.sensor_desk import axes
 
@@ -59,6 +59,24 @@ def test_both_families_run_and_are_named(who):
     bench = running(Chips(Inertial(who=who)))
     assert list(bench.identity.who_am_i) == [who, 0x3D]
     assert bench.check() == lib.SENSOR_OK
+
+
+def test_a_relative_has_the_scales_and_delay_of_its_own_row():
+    known = lib.adafruit_4517
+    row = {"who_am_i": (0x6D,), "gyr_delay_us": 1, "acc_lsb_nm_s2": 2, "rate_hz": 3}
+    rows = ffi.new("struct sensor_identity[]", [known.inertial.chip.kinds[0], row])
+    chip = ffi.new("struct part_chip *", known.inertial.chip[0])
+    chip.kinds, chip.kinds_count = rows, 2
+    inertial = ffi.new("struct joined_inertial *", known.inertial[0])
+    inertial.chip = chip
+    config = ffi.new("struct joined_config *", known)
+    config.inertial = inertial
+    bench = running(Chips(Inertial(who=0x6D)), config=config)
+    found = {name: getattr(bench.identity, name) for name in row}
+    assert found | {"who_am_i": tuple(found["who_am_i"])} == row | {
+        "who_am_i": (0x6D, 0x3D)
+    }
+    assert bench.identity.mag_lsb_pt == round(1e8 / 6842)
 
 
 @pytest.mark.parametrize("who", [0x69, 0x6A, 0x6D, 0x71, 0xFF])

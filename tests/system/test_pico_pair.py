@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The Pico's image in rp2040js with an LSM6DSOX and a LIS3MDL in place of an MPU-9250:
-it finds the pair by itself, with a data-ready wire and, on a Qwiic cable, without."""
+it finds the pair by itself, with a data-ready wire and, on a Qwiic cable and with a
+relative of the LSM6DSOX, without.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +32,7 @@ from system.virtual import PICO, Run, Stub, run, write_hand
 ROOT = Path(__file__).resolve().parents[2]
 SIMULATOR, IMAGE = ROOT / VIRTUAL.simulator, ROOT / VIRTUAL.image
 PAIR = ("--sensor", "lsm6dsox")
+SENSORS = {"wire": ("lsm6dsox", 0x6C), "none": ("ism330dhcx", 0x6B)}
 PERIOD_US = 32e6 / 6667  # the sensor's clock, divided by 32
 PAIRED = dataclasses.replace(PICO, rate_hz=208)
 SECONDS = choose(everyday=5, long=60)
@@ -52,7 +55,7 @@ def run_with(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Run]:
         folder = tmp_path_factory.mktemp(ready)
         stub = Stub(PAIRED, SIMULATOR, IMAGE, folder)
         words = ("--motion", write_hand(folder / "hand", SECONDS), *CLICK)
-        words += (*stub.raw_too, *PAIR, "--ready", ready)
+        words += (*stub.raw_too, "--sensor", SENSORS[ready][0], "--ready", ready)
         return run(stub, SECONDS, *words)
 
     return run_with
@@ -65,7 +68,7 @@ def test_the_pair_is_found_and_its_poses_are_the_hosts(
     done = run_with(ready)
     hello = done.named("hello")[-1].fields
     assert hello["sensor"] == "lsm6dsox"
-    assert list(hello["who_am_i"]) == [0x6C, 0x3D]
+    assert list(hello["who_am_i"]) == [SENSORS[ready][1], 0x3D]
     passed = {"acc_passed", "gyr_passed", "mag_passed"}
     assert set(hello["self_test"]) == passed
     assert not {"bus_fault", "sensor_fault"} & {event for event, _ in done.events}

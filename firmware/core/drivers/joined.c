@@ -21,6 +21,15 @@ static void begin_part(struct part *part, const IN_FLASH struct part_chip *chip)
     part_begin(part);
 }
 
+static void identify(struct joined *joined) {
+    const struct part *part = &joined->inertial;
+    joined->identity = *part->kind;
+    joined->identity.who_am_i[0] = part->who_am_i;
+    joined->identity.wrong_register = part->wrong_register;
+    joined->identity.mag_lsb_pt = joined->config->magnetic->mag_lsb_pt;
+    joined->identity.mag_lag_us = joined->config->mag_lag_us;
+}
+
 void joined_begin(void *state) {
     struct joined *joined = state;
     const IN_FLASH struct joined_config *config = joined->config;
@@ -28,11 +37,9 @@ void joined_begin(void *state) {
     joined->tries = 0;
     joined->mag_age = 0;
     joined->has_mag = false;
-    joined->identity = config->inertial->known;
-    joined->identity.mag_lsb_pt = config->magnetic->mag_lsb_pt;
-    joined->identity.mag_lag_us = config->mag_lag_us;
     begin_part(&joined->inertial, config->inertial->chip);
     begin_part(&joined->magnetic, config->magnetic->chip);
+    identify(joined);
 }
 
 static enum sensor_result set_up_inertial(struct joined *joined,
@@ -40,8 +47,7 @@ static enum sensor_result set_up_inertial(struct joined *joined,
                                           uint32_t now_us) {
     struct part *part = &joined->inertial;
     const enum sensor_result result = part_setup(part, bus, now_us);
-    joined->identity.who_am_i[0] = part->who_am_i;
-    joined->identity.wrong_register = part->wrong_register;
+    identify(joined);
     if (result != SENSOR_OK) {
         return result;
     }

@@ -19,8 +19,7 @@ struct joined_axes {
 // The interface of an inertial chip's driver. Its burst begins with the temperature.
 struct joined_inertial {
     const IN_FLASH struct part_chip *chip;
-    struct sensor_identity known;  // the identity before it answers
-    struct bus_burst burst;        // these two without an address
+    struct bus_burst burst;  // these two without an address
     struct sensor_ready ready;
     struct joined_axes acc, gyr;
     int16_t temperature_zero_cdeg;
@@ -78,12 +77,13 @@ enum sensor_result joined_check(void *state,
                                 const IN_FLASH struct bus_device *bus) MUST_CHECK;
 
 // Initialiser of a struct sensor_driver over `joined`, a struct joined, whose `begin`
-// is joined_begin() or calls it.
-#define JOINED_DRIVER(joined, begin_of)                                                \
+// is joined_begin() or calls it; further members may follow.
+#define JOINED_DRIVER(joined, begin_of, ...)                                           \
     {                                                                                  \
         .begin = (begin_of), .setup = joined_setup, .parse = joined_parse,             \
         .check = joined_check, .state = (joined), .identity = &(joined)->identity,     \
-        .bursts = (joined)->bursts, .bursts_count = 2, SENSOR_READY(&(joined)->ready)  \
+        .bursts = (joined)->bursts, .bursts_count = 2,                                 \
+        SENSOR_READY(&(joined)->ready) __VA_ARGS__                                     \
     }
 
 #endif

@@ -92,9 +92,12 @@ static const IN_FLASH struct part_row rows[] = {
     {PART_DONE, 0},
 };
 
+static const IN_FLASH struct sensor_identity kinds[] = {{.who_am_i = {WHO_LIS3MDL}}};
+
 static const IN_FLASH struct part_chip chip = {
     .addresses = {ADDRESS, ADDRESS_HIGH},
-    .names = {WHO_LIS3MDL, WHO_LIS3MDL},
+    .kinds = kinds,
+    .kinds_count = sizeof kinds / sizeof kinds[0],
     .increment = AUTO_INCREMENT,
     .status = REG_STATUS,
     .reset = REG_CTRL2,

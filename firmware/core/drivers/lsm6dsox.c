@@ -22,8 +22,6 @@ enum {
 
     ADDRESS = 0x6A,  // pin SA0 low
     ADDRESS_HIGH = 0x6B,
-    WHO_LSM6DSOX = 0x6C,    // and LSM6DSO; and LSM6DSO32, which the force shows
-    WHO_ISM330DHCX = 0x6B,  // REG
 
     DATAREADY_PULSED = 0x80,  // DS 9.7: for 75 us
     INT1_DRDY_G = 0x02,       // DS 9.9
@@ -138,9 +136,27 @@ static const IN_FLASH struct part_row rows[] = {
     {PART_DONE, 0},
 };
 
+// What the settings above make of a relative. Its place on the wire is the first one's,
+// and who_am_i tells them apart.
+#define KIND(who, delay_us, acc_g, gyr_dps)                                            \
+    {                                                                                  \
+        .kind = SENSOR_LSM6DSOX, .who_am_i = {(who)}, .rate_hz = LSM6DSOX_RATE_HZ,     \
+        .gyr_delay_us = (delay_us), .acc_lsb_nm_s2 = SENSOR_NANO_G(acc_g),             \
+        .gyr_lsb_nrad_s = SENSOR_NANO_RAD(gyr_dps)                                     \
+    }
+
+static const IN_FLASH struct sensor_identity kinds[] = {
+    // DS table 3. LSM6DSOX and LSM6DSO; and LSM6DSO32, which the force shows.
+    KIND(0x6C, LSM6DSOX_GYR_DELAY_US, 0.000488, 0.07),
+    // ISM330DHCX. REG: ISM330DHCX_ID, and the counts of ism330dhcx_from_fs16g_to_mg()
+    // and ism330dhcx_from_fs2000dps_to_mdps(). No document of its delay was at hand.
+    KIND(0x6B, LSM6DSOX_GYR_DELAY_US, 0.000488, 0.07),
+};
+
 static const IN_FLASH struct part_chip chip = {
     .addresses = {ADDRESS, ADDRESS_HIGH},
-    .names = {WHO_LSM6DSOX, WHO_ISM330DHCX},
+    .kinds = kinds,
+    .kinds_count = sizeof kinds / sizeof kinds[0],
     .status = REG_STATUS,
     .reset = REG_CTRL3_C,
     .kept = REG_INT1_CTRL,
@@ -156,14 +172,6 @@ static const IN_FLASH struct part_chip chip = {
 
 const IN_FLASH struct joined_inertial lsm6dsox = {
     .chip = &chip,
-    .known =
-        {
-            .kind = SENSOR_LSM6DSOX,
-            .rate_hz = LSM6DSOX_RATE_HZ,
-            .gyr_delay_us = LSM6DSOX_GYR_DELAY_US,
-            .acc_lsb_nm_s2 = SENSOR_NANO_G(0.000488),  // DS table 3
-            .gyr_lsb_nrad_s = SENSOR_NANO_RAD(0.07),
-        },
     .burst = {0, REG_OUT_TEMP_L, BURST_BYTES},
     .ready = {0, REG_STATUS, GDA},
     // 16 g are 32787 counts; 2000 deg/s 28571, beyond which the document has no data.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The LSM6DSOX, LSM6DSO or ISM330DHCX (accelerometer and gyroscope) as a part of a
-// joined sensor.
+// The LSM6DSOX or LSM6DSO, and relatives with its registers (accelerometer and
+// gyroscope), as a part of a joined sensor.
 #ifndef LSM6DSOX_H
 #define LSM6DSOX_H
 

@@ -36,18 +36,31 @@ enum sensor_result part_read(const struct part *part,
                                                    reg, data, length);
 }
 
+const IN_FLASH struct sensor_identity *part_kind(const IN_FLASH struct part_chip *chip,
+                                                 uint8_t who) {
+    for (uint8_t i = 0; i < chip->kinds_count; ++i) {
+        if (chip->kinds[i].who_am_i[0] == who) {
+            return &chip->kinds[i];
+        }
+    }
+    return 0;
+}
+
 enum sensor_result part_ask(struct part *part, const IN_FLASH struct bus_device *bus,
                             uint8_t place) {
-    const IN_FLASH struct part_chip *chip = part->chip;
     uint8_t who = PART_WHO_NOBODY;
-    part->address = chip->addresses[place];
+    part->address = part->chip->addresses[place];
     const enum sensor_result result = part_read(part, bus, PART_WHO_AM_I, &who, 1);
     if (result != SENSOR_OK) {
         return result;
     }
     part->who_am_i = who;
-    return who == chip->names[0] || who == chip->names[1] ? SENSOR_OK
-                                                          : SENSOR_WRONG_CHIP;
+    const IN_FLASH struct sensor_identity *kind = part_kind(part->chip, who);
+    if (kind == 0) {
+        return SENSOR_WRONG_CHIP;
+    }
+    part->kind = kind;
+    return SENSOR_OK;
 }
 
 static enum sensor_result find(struct part *part, const IN_FLASH struct bus_device *bus,
@@ -238,6 +251,7 @@ void part_begin(struct part *part) {
     const struct part before = *part;
     memset(part, 0, sizeof *part);
     part->chip = before.chip;
+    part->kind = part->chip->kinds;
     part->verdicts = before.verdicts;
 }
 

@@ -59,7 +59,10 @@ struct part_axes {
 // The properties of a kind of chip.
 struct part_chip {
     uint8_t addresses[2];
-    uint8_t names[2];   // of WHO_AM_I; the same twice where there is one
+    uint8_t kinds_count;
+    // A row for each identity (WHO_AM_I, in who_am_i[0]) with these registers. The
+    // first is taken for it before it answers.
+    const IN_FLASH struct sensor_identity *kinds;
     uint8_t increment;  // in a register's number, to move on with each byte
     uint8_t status;     // register
     uint8_t reset;      // register
@@ -80,6 +83,7 @@ struct part {
     const IN_FLASH struct part_chip *chip;
     uint8_t verdicts;  // flags self_test of the protocol
     // A new set-up forgets all but these.
+    const IN_FLASH struct sensor_identity *kind;  // the first, until it is found
     uint8_t address;
     uint8_t who_am_i;  // PART_WHO_NOBODY, or the chip's answer
     uint8_t wrong_register;
@@ -114,6 +118,10 @@ enum sensor_result part_verify(struct part *part,
 // Asks who is at an address. SENSOR_OK: a chip of this kind is.
 enum sensor_result part_ask(struct part *part, const IN_FLASH struct bus_device *bus,
                             uint8_t place) MUST_CHECK;
+
+// The row of an identity; null: of none of the chip's kinds.
+const IN_FLASH struct sensor_identity *part_kind(const IN_FLASH struct part_chip *chip,
+                                                 uint8_t who);
 
 // Reads consecutive registers.
 enum sensor_result part_read(const struct part *part,

@@ -44,7 +44,7 @@ def detected(bus):
     """Looks for sensors by their names: something else may be at 0x68."""
     if not 0x70 <= name(bus.i2c, 0x68, 0x75) <= 0x74:
         for address in (0x6A, 0x6B):
-            if name(bus.i2c, address, 0x0F) in (0x6B, 0x6C):
+            if name(bus.i2c, address, 0x0F):  # or it says who answers there
                 return LSM6DSOX(bus)
     return MPU9250(bus)  # or waits for it
 

@@ -12,10 +12,9 @@ from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, skipped
 from imud.gravity import GRAVITY_M_S2
 from imud.journal.faults import OF_SENSOR, fault_words
+from imud.probes.chip import DIES
 from imud.probes.self_test import SelfTestOutcome, follows_range
 from imud.probes.sensors import (
-    LSM6DSOX,
-    LSM9DS0,
     MPU6500,
     NINE_AXES,
     identity_words,
@@ -106,7 +105,10 @@ def _cure(evidence: Evidence, kind: tuple[str, str]) -> str:
 
 def _identity(evidence: Evidence) -> Row:
     hello = evidence.hello
-    normal = "MPU-9250 0x71, MPU-9255 0x73; LSM9DS0 0xD4; LSM6DSOX 0x6C"
+    sensor = hello.get("sensor")
+    of_sensor = {who: die.name for who, die in DIES.items() if die.sensor == sensor}
+    named = [f"{name} 0x{who:02X}" for who, name in of_sensor.items()]
+    normal = ", ".join(named) or "a chip that this firmware reads"
     identity, second = hello.get("who_am_i") or (0, 0)
     if hello.get("sensor") == "none" or not identity:
         refused = [t for t in evidence.events if t.cause in OF_IDENTITY]
@@ -117,10 +119,7 @@ def _identity(evidence: Evidence) -> Row:
         return Row("inertial chip", measured, normal, RowVerdict.FAULT, advice)
     numbers = {"who_am_i": [identity, second]}
     measured = identity_words(identity)
-    if hello["sensor"] == "lsm9ds0":
-        measured = f"0x{identity:02X} (LSM9DS0)"
-    usual = {"lsm9ds0": {LSM9DS0}, "lsm6dsox": LSM6DSOX}
-    if identity in usual.get(hello["sensor"], NINE_AXES):
+    if identity in NINE_AXES or (identity in of_sensor and identity != MPU6500):
         return Row("inertial chip", measured, normal, RowVerdict.GOOD, "", numbers)
     advice = (
         "an unknown identity: the chip works like an MPU-9250, but its limits may "

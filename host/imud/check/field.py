@@ -19,7 +19,7 @@ from imud.check.rows import Row, RowVerdict, graded, skipped, worst
 from imud.journal.faults import fault_words
 from imud.probes.chip import chip_of
 from imud.probes.self_test import AXES
-from imud.probes.sensors import LSM9DS0, NINE_AXES, missing_magnetometer
+from imud.probes.sensors import NINE_AXES, missing_magnetometer
 
 NAME = "magnetometer"
 NORMAL = "AK8963 0x48; LSM9DS0 0x49; LIS3MDL 0x3D"
@@ -60,7 +60,7 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
         words = fault_words("sensor_fault", "mag_stuck", 0)
         return fault("blocks its bus, or sends corrupt answers", words)
     if missing := missing_magnetometer(hello):
-        is_there = identity in (*NINE_AXES, LSM9DS0)
+        is_there = identity in NINE_AXES or hello["sensor"] == "lsm9ds0"
         return fault("does not answer" if is_there else "none", missing)
     if causes["mag_silent"] or not fresh.any():
         return fault(
@@ -88,7 +88,7 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
 
 
 def _noise(evidence: Evidence, noise_ut: np.ndarray) -> Row:
-    limit = chip_of(evidence.hello["sensor"]).mag_noise_ut
+    limit = chip_of(evidence.hello).mag_noise_ut
     normal = f"up to {limit:g} uT rms"
     if not np.isfinite(noise_ut).all():
         return skipped("magnetometer noise", normal, "too few readings at rest")

@@ -144,7 +144,7 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
             "it on a table, without a fan or a keyboard on it, and check again",
         )
         return
-    chip = chip_of(evidence.hello["sensor"])
+    chip = chip_of(evidence.hello)
     yield _noise("gyroscope noise", rest.gyr_noise_dps, chip.gyr_noise_dps, "deg/s", 3)
     yield _noise("accelerometer noise", rest.acc_noise_mg, chip.acc_noise_mg, "mg", 1)
     yield _gyr_offset(rest, chip)

@@ -32,7 +32,7 @@ def _rate(evidence: Evidence, samples: Samples) -> Row:
     jitter_us = float(np.std(steps))
     nominal_hz = evidence.hello.get("raw_rate") or evidence.hello["sample_rate"]
     sample_hz = evidence.hello["sample_rate"]
-    share = chip_of(evidence.hello["sensor"]).rate_share
+    share = chip_of(evidence.hello).rate_share
     normal = f"{nominal_hz} Hz ± {100 * share:g} %, jitter up to 2 %"
     verdicts = [graded(rate_hz / nominal_hz - 1.0, share, 5 * share)]
     # Of fewer raw messages than samples the spacing is uneven by a whole sample.

@@ -5,14 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from imud.probes.sensors import (
-    LSM6DSOX,
-    LSM9DS0,
-    MPU6500,
-    NINE_AXES,
-    UNREADABLE,
-    identity_words,
-)
+from imud.probes.chip import DIES
+from imud.probes.sensors import UNREADABLE, identity_words
 
 # Events after which the sensor may be out of work.
 OF_SENSOR = frozenset({"bus_fault", "sensor_fault"})
@@ -177,7 +171,7 @@ def _wrong_chip(detail: int, board: str) -> str:
 def _registers(detail: int, _: str) -> str:
     identity, register = detail & 0xFF, detail >> 8 & 0xFF
     what = f"register 0x{register:02X} does not hold what was written to it"
-    if identity in (LSM9DS0, MPU6500, *NINE_AXES, *LSM6DSOX):
+    if identity in DIES and DIES[identity].sensor:
         return (
             f"{what}: the sensor's supply sags or a wire is loose: check power and GND "
             "of the module"

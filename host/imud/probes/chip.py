@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""The specified accuracy of each kind of chip, at the settings of the firmware.
+"""The inertial dies by their identities, and the specified accuracy of each kind of
+chip at the settings of the firmware.
 
 PS: InvenSense PS-MPU-9250A-01, revision 1.0, tables 1 and 2. DS: ST DocID024763,
 revision 2, table 3. Both state no noise of the magnetometer, and DS none at all: there
 the limits are several times what public recordings of such boards have at rest. DSO: ST
-DocID032891, revision 1, table 3: limits are ten times its typical offsets.
+DocID032891, revision 1, table 3: limits are ten times its typical offsets. ISM: as
+programs quote the ISM330DHCX's data sheet, which was not at hand.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +65,13 @@ LSM6DSOX = Chip(
     acc_scale=0.05,
 )
 
+ISM330DHCX = replace(
+    LSM6DSOX,
+    name="ISM330DHCX",
+    source="its data sheet, as quoted",
+    gyr_noise_dps=0.12,  # ISM: 5 mdps/rtHz, at 66.8 Hz
+    acc_noise_mg=3.0,  # ISM: 0.06 mg/rtHz, at 104 Hz; of a relative 0.12 at 16 g
+)
 
 # By the hello's word. An MPU-6500 is the inertial die of an MPU-9250.
 CHIPS = {
@@ -71,6 +82,48 @@ CHIPS = {
 }
 
 
-def chip_of(sensor: str) -> Chip:
-    """By the hello's word; of an unknown one the MPU-9250's."""
-    return CHIPS.get(sensor, MPU9250)
+@dataclass(frozen=True, slots=True)
+class Die:
+    """`sensor`: the hello's word for what a driver makes of it; empty: none reads it.
+    `chip`: its accuracy, where it is not that of the word.
+    """
+
+    name: str
+    sensor: str = ""
+    chip: Chip | None = None
+
+
+# By WHO_AM_I. Of InvenSense's family: Linux, drivers/iio/imu/inv_mpu6050/inv_mpu_iio.h;
+# of ST's: the register headers of its drivers. An LSM9DS0's is its gyroscope's half.
+DIES = {
+    0x11: Die("ICM-20600"),
+    0x12: Die("ICM-20602"),
+    0x68: Die("MPU-6050 or MPU-9150"),
+    0x69: Die("LSM6DS33 or LSM6DS3"),
+    0x6A: Die("LSM6DS3TR-C or LSM6DSL"),
+    0x6B: Die("ISM330DHCX", "lsm6dsox", ISM330DHCX),
+    0x6C: Die("LSM6DSO or LSM6DSOX", "lsm6dsox"),
+    0x70: Die("MPU-6500", "mpu6500"),
+    0x71: Die("MPU-9250", "mpu9250"),
+    0x73: Die("MPU-9255", "mpu9250"),
+    0x74: Die("MPU-6515"),
+    0x78: Die("MPU-6880"),
+    0x98: Die("ICM-20689"),
+    0xAF: Die("ICM-20608"),
+    0xD1: Die("BMI160"),
+    0xD4: Die("LSM9DS0", "lsm9ds0"),
+    0xEA: Die("ICM-20948"),
+}
+
+
+def known_chip(hello: Mapping[str, Any]) -> Chip | None:
+    """By who answered, or else by the hello's word; None: no known one."""
+    sensor, (identity, *_) = str(hello.get("sensor")), hello.get("who_am_i") or (0,)
+    die = DIES.get(identity)
+    of_die = die.chip if die is not None and die.sensor == sensor else None
+    return of_die or CHIPS.get(sensor)
+
+
+def chip_of(hello: Mapping[str, Any]) -> Chip:
+    """The same; of an unknown one the MPU-9250."""
+    return known_chip(hello) or MPU9250

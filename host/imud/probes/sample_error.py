@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 from imud.gravity import GRAVITY_M_S2
-from imud.probes.chip import CHIPS, Chip
+from imud.probes.chip import Chip, known_chip
 from imud.probes.scales import Vector
 from imud.wire.messages import Message, decode
 from imud.wire.params import parts_of
@@ -60,7 +60,7 @@ def _chip_of(hello: bytes) -> Chip | None:
     message = decode(hello) if hello else None
     if not isinstance(message, Message):
         return None
-    return CHIPS.get(str(message.fields.get("sensor")))
+    return known_chip(message.fields)
 
 
 def _number(value: object, otherwise: float) -> float:

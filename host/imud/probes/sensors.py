@@ -7,43 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from imud.probes.chip import DIES
 from imud.probes.self_test import SelfTestOutcome, SensorVerdict
 
 Hello = Mapping[str, Any]  # fields of a hello, or that object of a status
 
-# Identities of InvenSense's family: Linux, drivers/iio/imu/inv_mpu6050/inv_mpu_iio.h;
-# of ST's: the register headers of its drivers.
-CHIPS = {
-    0x11: "ICM-20600",
-    0x12: "ICM-20602",
-    0x68: "MPU-6050 or MPU-9150",
-    0x69: "LSM6DS33 or LSM6DS3",
-    0x6A: "LSM6DS3TR-C or LSM6DSL",
-    0x6B: "ISM330DHCX",
-    0x6C: "LSM6DSO or LSM6DSOX",
-    0x70: "MPU-6500",
-    0x71: "MPU-9250",
-    0x73: "MPU-9255",
-    0x74: "MPU-6515",
-    0x78: "MPU-6880",
-    0x98: "ICM-20689",
-    0xAF: "ICM-20608",
-    0xD1: "BMI160",
-    0xEA: "ICM-20948",
-}
 # Sold for probes, and of no use in one: their registers are others'.
 UNREADABLE = frozenset({0x68, 0x69, 0x6A, 0xD1, 0xEA})
-NINE_AXES = frozenset({0x71, 0x73})  # with an AK8963 in the same package
 MPU6500 = 0x70
-LSM9DS0 = 0xD4  # of its gyroscope's half
-LSM6DSOX = frozenset({0x6B, 0x6C})  # and its relatives
-# What hello calls a sensor by its identity; another one is told beside it.
-_USUAL = {
-    "mpu9250": NINE_AXES,
-    "mpu6500": {MPU6500},
-    "lsm9ds0": {LSM9DS0},
-    "lsm6dsox": {0x6C},
-}
+# With an AK8963 in the same package.
+NINE_AXES = frozenset(who for who, die in DIES.items() if die.sensor == "mpu9250")
 
 # The flag that poses get from the host.
 SELF_TEST_FAILED = "self_test_failed"
@@ -69,14 +42,15 @@ _CURES = {
 
 def identity_words(identity: int) -> str:
     """An identity register, with the name of the chip if it is a known one."""
-    name = CHIPS.get(identity)
-    return f"0x{identity:02X} ({name})" if name else f"0x{identity:02X}"
+    die = DIES.get(identity)
+    return f"0x{identity:02X} ({die.name})" if die else f"0x{identity:02X}"
 
 
 def sensor_words(hello: Hello) -> str:
     """The sensor by its name, with its identity if that is not the usual one."""
     name, identity = str(hello["sensor"]), hello["who_am_i"][0]
-    if identity == 0 or identity in _USUAL.get(name, ()):
+    die = DIES.get(identity)
+    if identity == 0 or (die and die.sensor == name and die.chip is None):
         return name
     return f"{name}, answers {identity_words(identity)}"
 
@@ -96,7 +70,7 @@ def missing_magnetometer(hello: Hello) -> str:
             "nothing: no heading"
         )
     if sensor == "lsm9ds0" or identity in NINE_AXES:
-        chip = CHIPS.get(identity, "LSM9DS0")
+        chip = DIES[identity].name if identity in NINE_AXES else "LSM9DS0"
         return (
             f"the magnetometer of this {chip} does not answer: no heading; switch the "
             "power off and on; if that does not help, replace the module"

@@ -60,8 +60,11 @@ class VirtualBoard:
         return find(given, self.simulator_variable, self.simulator, *package)
 
 
-LSM6DSOX = "lsm6dsox"
-PAIR = "an LSM6DSOX with a LIS3MDL (Adafruit 4517)"
+PAIRS = (
+    OtherSensor("lsm6dsox", "an LSM6DSOX with a LIS3MDL (Adafruit 4517)", 208),
+    OtherSensor("ism330dhcx", "an ISM330DHCX with a LIS3MDL", 208),
+)
+PAIRED = Path(".pio/build/nano_lsm6dsox/firmware.elf")
 
 NANO = VirtualBoard(
     name="nano",
@@ -76,9 +79,7 @@ NANO = VirtualBoard(
     simulator_variable="IMUD_SIM",
     files=("faults", "eeprom", "summary", "profile"),
     has_battery=False,
-    others=(
-        OtherSensor(LSM6DSOX, PAIR, 208, Path(".pio/build/nano_lsm6dsox/firmware.elf")),
-    ),
+    others=tuple(replace(each, image=PAIRED) for each in PAIRS),
 )
 MEGA = replace(
     NANO,  # its emulator looks at the image
@@ -130,7 +131,7 @@ PICO = VirtualBoard(
     has_battery=False,
     wires=("usb", "uart"),
     has_ready_wire=True,
-    others=(OtherSensor(LSM6DSOX, PAIR, 208),),
+    others=PAIRS,
 )
 BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO, MEGA)}
 

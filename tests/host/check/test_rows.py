@@ -177,7 +177,7 @@ def test_an_event_appears_in_the_row_of_its_cause(
         ((0x71, 0), "mpu9250", {"magnetometer": FAULT}),
         ((0x75, 0x48), "mpu9250", {"inertial chip": LOOK}),
         ((0x6C, 0x3D), "lsm6dsox", {}),
-        ((0x6B, 0x3D), "lsm6dsox", {}),
+        ((0x6B, 0x3D), "lsm6dsox", {"accelerometer noise": LOOK}),
         ((0x6C, 0), "lsm6dsox", {"magnetometer": FAULT}),
     ],
 )

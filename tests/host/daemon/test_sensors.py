@@ -13,6 +13,7 @@ import pytest
 
 from chain import Chain
 from fakes import FakeProbe, Forked, messages
+from imud.probes.chip import chip_of
 from imud.probes.self_test import verdicts_of
 from imud.probes.sensors import (
     findings_of,
@@ -96,6 +97,12 @@ def output_of(chain: Chain, *names: str) -> str:
 def test_a_missing_magnetometer_is_explained(hello: dict[str, Any], words: str) -> None:
     assert missing_magnetometer(hello) == words
     assert has_magnetometer(hello) == (not words)
+
+
+def test_a_relative_has_limits_of_its_own() -> None:
+    found = [chip_of(hello_of("lsm6dsox", who, 0x3D)) for who in (0x6B, 0x6C, 0)]
+    assert [each.acc_noise_mg for each in found] == [3.0, 5.0, 5.0]
+    assert chip_of(hello_of("mpu9250", 0x6B, 0)).acc_noise_mg == 8.0
 
 
 @pytest.mark.parametrize(

@@ -75,18 +75,24 @@ def pair() -> Module:
 
 def test_a_module_has_its_chips() -> None:
     found = {}
-    for name in ("mpu9250", "lsm6dsox"):
+    for name in ("mpu9250", "lsm6dsox", "ism330dhcx"):
         module = Module(name)
-        found[name] = [a for a in range(128) if module.read(a, 0x0F) is not NOBODY]
-    assert found == {"mpu9250": [0x68], "lsm6dsox": [MAG, IMU]}
+        answers = {at: module.read(at, 0x0F) for at in range(128)}
+        found[name] = {at: who for at, who in answers.items() if who is not NOBODY}
+    assert list(found.pop("mpu9250")) == [0x68]
+    assert found == {
+        "lsm6dsox": {MAG: [0x3D], IMU: [0x6C]},
+        "ism330dhcx": {MAG: [0x3D], IMU: [0x6B]},
+    }
 
 
 def test_an_unknown_name_gives_none() -> None:
     name = ffi.new("char[]", b"bno055")
-    assert not lib.module_is_known(name)
+    wrong = ffi.string(lib.module_misnamed(name))
+    assert wrong == b"--sensor is one of mpu9250, lsm6dsox, ism330dhcx"
     config = ffi.new("struct module_config *", {"name": name})
     assert lib.module_new(config) == ffi.NULL
-    assert lib.module_is_known(ffi.NULL)
+    assert lib.module_misnamed(ffi.NULL) == ffi.NULL
 
 
 def test_both_chips_of_the_pair_measure_the_same_motion(pair: Module) -> None:

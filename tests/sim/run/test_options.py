@@ -34,7 +34,10 @@ def desk() -> Path:
         (["--image", "{desk}", "--motion", "/dev/null"], "is no motion stream"),
         (["--image", "{desk}", "--eeprom", "{desk}"], "is no EEPROM"),
         (["--image", "{desk}", "--wings", "2"], "is no option"),
-        (["--image", "{desk}", "--sensor", "nones"], "--sensor is mpu9250 or"),
+        (
+            ["--image", "{desk}", "--sensor", "nones"],
+            "--sensor is one of mpu9250",
+        ),
         (["--image", "{desk}", "--ready", "nones"], "--ready is wire or none"),
         (["--self-test", "--fast"], "does not go with"),
     ],
