@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import json
 from enum import IntEnum, IntFlag
@@ -178,6 +179,14 @@ def test_an_older_probe_is_read_and_known_to_be_one(older: KeptSchema) -> None:
     assert isinstance(pose, Received)
 
 
+def poses_of(folder: Path) -> list[list[str]]:
+    """Pitch, attitude, stated error and flags of each row of a table of poses."""
+    (table,) = folder.glob("*pose.csv")
+    columns = ("pitch_deg", "q_w", "q_x", "q_y", "q_z", "tilt_sigma_deg", "flags")
+    rows = csv.DictReader(table.read_text("utf-8").splitlines())
+    return [[row[column] for column in columns] for row in rows]
+
+
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
 def test_a_log_of_each_schema_opens_for_ever(
     path: Path,
@@ -218,6 +227,16 @@ def test_a_log_of_each_schema_opens_for_ever(
     run("replay", path, "--speed", "max")
     events = Session(Probe, 0).receive(b"".join(sent), 1)
     assert sum(isinstance(event, Received) for event in events) == len(told)
+
+    # Fused, it is what the same messages in today's schema are, and level as its poses.
+    today = tmp_path / "today.bin"
+    today.write_bytes(b"".join(sent))
+    for out, file in (("as_it_is", path), ("as_today", today)):
+        run("export", file, "--fuse", "--out", tmp_path / out)
+    fused, as_today = poses_of(tmp_path / "as_it_is"), poses_of(tmp_path / "as_today")
+    assert fused == as_today
+    level_deg = [float(row[0]) for row in poses_of(tmp_path)]
+    assert [float(row[0]) for row in fused] == pytest.approx(level_deg, abs=0.1)
 
 
 def test_each_schema_has_its_log() -> None:
