@@ -255,6 +255,15 @@ def _other(found: OtherSchema) -> str:
     )
 
 
+# The keys of a pose that its line of text has words for; others go by their names.
+_IN_LINE = frozenset(
+    {
+        *(*HEAD, "q", "position_m", "normal", "tilt_sigma_deg", "heading_sigma_deg"),
+        *("flags", "since_origin"),
+    }
+)
+
+
 def words(item: dict[str, Any]) -> str:
     """One message as a line of text."""
     head = f"{item['t_device_us'] / 1e6:12.6f} s  #{item['seq']:<7} {item['type']:<7}"
@@ -269,7 +278,8 @@ def words(item: dict[str, Any]) -> str:
         if since is not None:
             text += f"  since the origin: tilt {_sigma(since.tilt_sigma_deg)}"
             text += f"  heading {_sigma(since.heading_sigma_deg)}"
-        return f"{head} {text}  {' '.join(item['flags'])}".rstrip()
+        others = (f"  {key} {_shown(item[key])}" for key in item if key not in _IN_LINE)
+        return f"{head} {text}{''.join(others)}  {' '.join(item['flags'])}".rstrip()
     if item["type"] == "raw":
         parts = [
             "acc " + _vector(item["acc_m_s2"], "m/s2", 3),

@@ -6,15 +6,17 @@ from __future__ import annotations
 import contextlib
 import csv
 import sys
-from collections import defaultdict
+from collections import ChainMap, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
+from msgspec import inspect
 
+from imud import published
 from imud.columns import inert, parts_of
 from imud.errors import FileError
 from imud.log.reader import Logged
@@ -25,122 +27,6 @@ from imud.recordings.fused import FusedLog
 from imud.rotation import Quat, angles_deg
 from imud.stages import COMPUTED
 
-# The columns of each topic, in order: a key of the JSON, or the parts of its value.
-_TIMES = (
-    "t_ns",
-    "time_utc",
-    "t_bound_us",
-    "age_us",
-    "utc_host",
-    "utc_bound_us",
-    "t_device_us",
-)
-_HEAD = {key: (key,) for key in (*_TIMES, "seq", "number", "missing")}
-
-
-def _named(*keys: str) -> dict[str, tuple[str, ...]]:
-    """Columns that are keys of the JSON; a dot reaches into an object."""
-    return {key: (key.replace(".", "_"),) for key in keys}
-
-
-# The parts of a status that are numbers at each moment.
-_LEDGER = ("sent", "received", "lost", "duplicated", "corrupt")
-_COUNTERS = (
-    *("samples_ready", "samples_read", "samples_fused", "overruns", "bus_faults"),
-    *("messages_sent", "messages_dropped"),
-)
-
-_SINCE = ("heading_sigma_deg", "tilt_sigma_deg", "age_s", "void")
-
-# Where a probe was, and how far that may be wrong.
-_POSE = {
-    "q": parts_of("q", "wxyz"),
-    "angles_deg": ("yaw_deg", "pitch_deg", "roll_deg"),
-    "position_m": parts_of("position_m"),
-    "normal": parts_of("normal"),
-    "tilt_sigma_deg": ("tilt_sigma_deg",),
-    "heading_sigma_deg": ("heading_sigma_deg",),
-    "flags": ("flags",),
-    **_named(*(f"since_origin.{key}" for key in _SINCE)),
-}
-
-COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
-    "pose": {**_HEAD, **_POSE},
-    "raw": {
-        **_HEAD,
-        "acc_m_s2": parts_of("acc_m_s2"),
-        "gyr_rad_s": parts_of("gyr_rad_s"),
-        "mag_uT": parts_of("mag_uT"),
-        "params_digest": ("params_digest",),
-        "temperature_c": ("temperature_c",),
-        "acc_counts": parts_of("acc_counts"),
-        "gyr_counts": parts_of("gyr_counts"),
-        "mag_counts": parts_of("mag_counts"),
-        "flags": ("flags",),
-    },
-    "event": {**_HEAD, "event": ("event",), "cause": ("cause",), "detail": ("detail",)},
-    "stroke": {
-        **_HEAD,
-        **_named("stroke", "end", "advice", "windows"),
-        "displacement_m": parts_of("displacement_m"),
-        "displacement_sigma_m": parts_of("displacement_sigma_m"),
-        "path_m": parts_of("path_m"),
-        "path_sigma_m": parts_of("path_sigma_m"),
-        "flags": ("flags",),
-    },
-    "command": _named("t_ns", "time_utc", "command", "by"),
-    "mark": {
-        **_named(
-            "t_ns", "time_utc", "value", "text", "t_pose_ns", "t_device_us", "number"
-        ),
-        **_POSE,
-        "position_sigma_m": ("position_sigma_m",),
-    },
-    "status": _named(
-        *("t_ns", "time_utc"),
-        "state",
-        "port",
-        "pose_rate_hz",
-        *(f"ledger.{key}" for key in _LEDGER),
-        *(f"clock.{key}" for key in ("offset_ns", "skew_ppm", "bound_us")),
-        *(f"counters.{key}" for key in _COUNTERS),
-        "log.state",
-        "twin.state",
-    ),
-    "twin": _named("t_ns", "t_device_us", "seq", "state", "compared", "differed"),
-    "clock": _named("t_ns", "step_ns", "timeline", "reason"),
-    "log": _named("t_ns", "state", "reason", "dropped"),
-}
-
-_WORDS = frozenset(
-    {
-        *(
-            "flags",
-            "event",
-            "cause",
-            "end",
-            "advice",
-            "state",
-            "port",
-            "reason",
-            "utc_host",
-        ),
-        *("log.state", "twin.state", "since_origin.void", "text", "command", "by"),
-        "time_utc",
-    }
-)
-_INTEGERS = frozenset(
-    {
-        *(_HEAD.keys() - _WORDS),
-        *("acc_counts", "gyr_counts", "mag_counts", "params_digest", "detail"),
-        *("stroke", "windows", "t_pose_ns"),
-        *("compared", "differed", "step_ns", "dropped"),
-        *("clock.offset_ns", "clock.bound_us"),
-        *(f"ledger.{key}" for key in _LEDGER),
-        *(f"counters.{key}" for key in _COUNTERS),
-    }
-)
-
 # The range of an integer column, and of the integers that a double holds exactly.
 _INT64, _EXACT = 1 << 63, 1 << 53
 
@@ -149,6 +35,108 @@ UTC_LEAST_S = 946_684_800  # the year 2000: a time before it is since a start
 GROUP = 16384  # rows in a Parquet group: more than a minute of one probe
 
 Cell = int | float | str | None
+
+
+def _word(value: Any) -> Cell:
+    if isinstance(value, list):
+        return inert(" ".join(map(str, value)))
+    return inert(value) if isinstance(value, str) else None
+
+
+def _integer(value: Any) -> Cell:
+    if not isinstance(value, int) or isinstance(value, bool):
+        return None
+    return value if -_INT64 <= value < _INT64 else None
+
+
+def _number(value: Any) -> Cell:
+    if isinstance(value, float):
+        return value
+    if not isinstance(value, int) or isinstance(value, bool):
+        return None
+    return value if -_EXACT <= value < _EXACT else None
+
+
+class Column(NamedTuple):
+    """The columns of one value of the JSON, and what their cells hold."""
+
+    names: tuple[str, ...]
+    cell: Callable[[Any], Cell]
+
+
+def _named(cell: Callable[[Any], Cell], *keys: str) -> dict[str, Column]:
+    """Columns that are keys of the JSON; a dot reaches into an object."""
+    return {key: Column((key.replace(".", "_"),), cell) for key in keys}
+
+
+def _columns(of: type[msgspec.Struct], *first: str) -> dict[str, Column]:
+    """The columns of an object in order, these first; `time_utc` is one, too."""
+    found = _named(_word, "time_utc")
+    for field in inspect.type_info(of).fields:  # type: ignore[attr-defined] # a struct
+        found |= _columns_of(field.name, field.type)
+    rest = found.keys() - {"time_utc", "probe"}
+    return {key: found[key] for key in (*first, *(k for k in found if k in rest))}
+
+
+def _columns_of(key: str, kind: inspect.Type) -> dict[str, Column]:
+    match kind:
+        case inspect.UnionType(types=(one, inspect.NoneType())):
+            return _columns_of(key, one)
+        case inspect.StructType(fields=fields):
+            parts = [_columns_of(f"{key}.{part.name}", part.type) for part in fields]
+            return dict(ChainMap(*reversed(parts)))
+        case inspect.TupleType(item_types=items):
+            cell = _integer if isinstance(items[0], inspect.IntType) else _number
+            found = {key: Column(parts_of(key, "wxyz"[-len(items) :]), cell)}
+            if key == "q":
+                found["angles_deg"] = Column(("yaw_deg", "pitch_deg", "roll_deg"), cell)
+            return found
+        case inspect.IntType():
+            return _named(_integer, key)
+        case inspect.FloatType():
+            return _named(_number, key)
+        case inspect.StrType() | inspect.LiteralType():
+            return _named(_word, key)
+        case inspect.VarTupleType(item_type=inspect.StrType()):
+            return _named(_word, key)
+    return {}  # no cell holds it
+
+
+_HEAD = (
+    *("t_ns", "time_utc", "t_bound_us", "age_us", "utc_host", "utc_bound_us"),
+    *("t_device_us", "seq", "number", "missing"),
+)
+_TWIN = _columns(published.Twin)
+
+# Of each topic: a key of the JSON, and its columns, in order.
+COLUMNS: dict[str, dict[str, Column]] = {
+    "pose": _columns(published.PoseFields, *_HEAD),
+    "raw": _columns(published.Raw, *_HEAD),
+    "event": _columns(published.Event, *_HEAD),
+    "stroke": _columns(published.Stroke, *_HEAD),
+    "command": _columns(published.Command, "t_ns", "time_utc"),
+    "mark": _columns(published.Mark, "t_ns", "time_utc"),
+    # The parts of a status that are numbers at each moment.
+    "status": {
+        **_named(_integer, "t_ns"),
+        **_named(_word, "time_utc", "state", "port"),
+        **_named(_number, "pose_rate_hz"),
+        **_named(_integer, "ledger.sent", "ledger.received", "ledger.lost"),
+        **_named(_integer, "ledger.duplicated", "ledger.corrupt", "clock.offset_ns"),
+        **_named(_number, "clock.skew_ppm"),
+        **_named(_integer, "clock.bound_us", "counters.samples_ready"),
+        **_named(_integer, "counters.samples_read", "counters.samples_fused"),
+        **_named(_integer, "counters.overruns", "counters.bus_faults"),
+        **_named(_integer, "counters.messages_sent", "counters.messages_dropped"),
+        **_named(_word, "log.state", "twin.state"),
+    },
+    "twin": {
+        key: _TWIN[key]
+        for key in ("t_ns", "t_device_us", "seq", "state", "compared", "differed")
+    },
+    "clock": _columns(published.Clock),
+    "log": _columns(published.Log),
+}
 
 
 class Table(Protocol):
@@ -184,10 +172,15 @@ class ParquetTable:
         import pyarrow
         from pyarrow import parquet
 
+        kinds: dict[Callable[[Any], Cell], Any] = {
+            _word: pyarrow.string(),
+            _integer: pyarrow.int64(),
+            _number: pyarrow.float64(),
+        }
         fields = [
-            (name, _arrow_type(pyarrow, key))
-            for key, names in COLUMNS[topic].items()
-            for name in names
+            (name, kinds[column.cell])
+            for column in COLUMNS[topic].values()
+            for name in column.names
         ]
         self._arrow = pyarrow
         self._schema = pyarrow.schema(fields)
@@ -224,14 +217,8 @@ class ParquetTable:
             self._waiting.clear()
 
 
-def _arrow_type(pyarrow: Any, key: str) -> Any:
-    if key in _WORDS:
-        return pyarrow.string()
-    return pyarrow.int64() if key in _INTEGERS else pyarrow.float64()
-
-
 def names_of(topic: str) -> list[str]:
-    return [name for names in COLUMNS[topic].values() for name in names]
+    return [name for column in COLUMNS[topic].values() for name in column.names]
 
 
 def row_of(topic: str, fields: Mapping[str, Any]) -> list[Cell]:
@@ -254,35 +241,9 @@ def row_of(topic: str, fields: Mapping[str, Any]) -> list[Cell]:
 def _plan(topic: str) -> list[tuple[list[str], int, Callable[[Any], Cell]]]:
     """Of each key of a table: where its value stands, its columns, and their kind."""
     return [
-        (key.split("."), len(names), _cell_of(key))
-        for key, names in COLUMNS[topic].items()
+        (key.split("."), len(column.names), column.cell)
+        for key, column in COLUMNS[topic].items()
     ]
-
-
-def _cell_of(key: str) -> Callable[[Any], Cell]:
-    if key in _WORDS:
-        return _word
-    return _integer if key in _INTEGERS else _number
-
-
-def _word(value: Any) -> Cell:
-    if isinstance(value, list):
-        return inert(" ".join(map(str, value)))
-    return inert(value) if isinstance(value, str) else None
-
-
-def _integer(value: Any) -> Cell:
-    if not isinstance(value, int) or isinstance(value, bool):
-        return None
-    return value if -_INT64 <= value < _INT64 else None
-
-
-def _number(value: Any) -> Cell:
-    if isinstance(value, float):
-        return value
-    if not isinstance(value, int) or isinstance(value, bool):
-        return None
-    return value if -_EXACT <= value < _EXACT else None
 
 
 def _kind(to: str) -> Callable[[Path, str], Table]:

@@ -141,8 +141,8 @@ def test_the_reader_of_tables_knows_each_column_of_words() -> None:
     words = {
         name
         for table in export.COLUMNS.values()
-        for key, names in table.items()
-        for name in names
-        if key in export._WORDS
+        for column in table.values()
+        for name in column.names
+        if column.cell is export._word
     }
     assert {word for word in words if f"'{word}'" not in text} == set()

@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from fakes import FakeProbe
 from imud import cli
 from imud.probes.record import Record
+from imud.recordings import decode
 from imud.sinks.log import LogSink
 from imud.wire import schema
 from log_files import records, write
@@ -60,6 +61,14 @@ def test_a_pose_is_as_promised_to_the_letter(
         '"flags":["starting","tared"],"since_origin":{"heading_sigma_deg":null,'
         '"tilt_sigma_deg":null,"age_s":null,"void":"unheard"}}'
     )
+
+
+def test_a_number_without_words_goes_by_its_name(tmp_path: Path) -> None:
+    data = FakeProbe().say("pose")
+    (pose,) = decode.decode_file(capture(tmp_path, data), decode.Tally())
+    assert "vibration_m_s2" not in decode.words(pose)
+    line = decode.words(pose | {"vibration_m_s2": 0.5})
+    assert line.endswith("1.25  vibration_m_s2 0.5  at_rest")
 
 
 def test_raw_is_in_si_and_in_counts(
