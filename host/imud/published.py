@@ -237,6 +237,12 @@ TOPICS: dict[str, type[msgspec.Struct]] = {
     "log": Log,
 }
 
+# The numbers of a pose.
+POSE_NUMBERS = (
+    "tilt_sigma_deg",
+    "heading_sigma_deg",
+)
+
 # Fields of messages, by the names that they are published by.
 WIRE = {
     "pose": {

@@ -155,8 +155,10 @@ def python(structs: list[Struct]) -> str:
             lines.pop()
     lines += ["", "", "TOPICS: dict[str, type[msgspec.Struct]] = {"]
     lines += [f'    "{s.topic}": {s.name},' for s in structs if s.topic]
-    lines += ["}", "", "# Fields of messages, by the names that they are published by."]
-    lines += ["WIRE = {"]
+    lines += ["}", "", "# The numbers of a pose.", "POSE_NUMBERS = ("]
+    lines += [f'    "{number}",' for number in _numbers(structs)]
+    lines += [")", "", "# Fields of messages, by the names that they are published by."]
+    lines.append("WIRE = {")
     for struct in structs:
         if wired := [row for row in struct.rows if row.wire]:
             lines.append(f'    "{struct.topic}": {{')
@@ -173,13 +175,16 @@ def script(structs: list[Struct]) -> str:
         struct = by_name[name]
         lines += ["", "/**", f" * @typedef {{object}} {name} {struct.meaning}"]
         for row in _all_rows(struct, by_name):
-            name_ = f"[{row.name}]" if row.may_be_absent else row.name
-            lines.append(f" * @property {{{row.code(1)}}} {name_}")
+            lines.append(f" * @property {{{row.code(1)}}} {row.name}")
         lines.append(" */")
-    numbers = [r.name for r in by_name["PoseFields"].rows if r.type == "number"]
     lines += ["", "// The numbers of a pose.", "export const POSE_NUMBERS = ["]
-    lines += [f'  "{number}",' for number in numbers]
+    lines += [f'  "{number}",' for number in _numbers(structs)]
     return "".join(f"{line}\n" for line in [*lines, "];"])
+
+
+def _numbers(structs: list[Struct]) -> list[str]:
+    poses = next(struct for struct in structs if struct.name == "PoseFields")
+    return [row.name for row in poses.rows if row.type == "number"]
 
 
 def document(structs: list[Struct], text: str) -> str:

@@ -18,13 +18,14 @@ from imud.probes.balance import SinkCounts, balance
 from imud.probes.record import plain
 from imud.probes.timeline import Timeline
 from imud.probes.withheld import sentences, withheld_of
+from imud.published import POSE_NUMBERS
 from imud.version import version
 
 STATUS_S = 1.0  # between two statuses of a probe
 
 # Of the last pose. By `number` a consumer knows what it missed though no more comes.
 QUALITY = (
-    *("tilt_sigma_deg", "heading_sigma_deg", "flags"),
+    *(*POSE_NUMBERS, "flags"),
     *("age_us", "t_bound_us", "number"),
 )
 

@@ -17,6 +17,7 @@ from imud.probes.path import StrokePath
 from imud.probes.record import Presence, Record
 from imud.probes.sample_error import SampleError
 from imud.probes.signs import Signs
+from imud.published import POSE_NUMBERS
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level, PathPoint
 from imud.ros2.covariance import orientation_covariance
@@ -242,8 +243,7 @@ def _values(
         "state": status.get("state"),
         "port": status.get("port"),
         "pose_rate_hz": status.get("pose_rate_hz"),
-        "tilt_sigma_deg": quality.get("tilt_sigma_deg"),
-        "heading_sigma_deg": quality.get("heading_sigma_deg"),
+        **{number: quality.get(number) for number in POSE_NUMBERS},
         "flags": " ".join(quality.get("flags") or ()),
         "sensors": "; ".join((status.get("sensors") or {}).get("words") or ()),
         "received": totals(ledger).received,

@@ -6,44 +6,10 @@ import { Marks } from "./marks.js";
 import { Strokes } from "./strokes.js";
 
 /** @typedef {import("./link.js").Line} Line */
-/** @typedef {import("./rotation.js").Quat} Quat */
 
-/**
- * @typedef {object} Since errors since a moment, one sigma; null: not known
- * @property {number | null} heading_sigma_deg
- * @property {number | null} tilt_sigma_deg
- * @property {number | null} age_s
- * @property {string | null} void why nothing is known of them any more
- */
-
-/**
- * @typedef {object} Pose
- * @property {string} probe
- * @property {number} number
- * @property {number} missing
- * @property {number} t_device_us
- * @property {number | null} t_ns
- * @property {number | null} t_bound_us
- * @property {number | null} age_us
- * @property {Quat} q
- * @property {[number, number, number] | null} position_m
- * @property {[number, number, number] | null} normal
- * @property {number | null} tilt_sigma_deg
- * @property {number | null} heading_sigma_deg
- * @property {string[]} flags
- * @property {Since | null} [since_origin] null: no origin; missing: of an older log
- */
-
-/**
- * @typedef {object} Aim what the daemon says of a pose and the target that it was given
- * @property {number} number of the pose
- * @property {string} target its name
- * @property {readonly number[]} target_q
- * @property {string} axis
- * @property {number | null} sigma_deg
- * @property {"origin" | "capture" | null} [since]
- * @property {string | null} [void]
- */
+/** @typedef {import("./published.js").SinceOrigin} Since */
+/** @typedef {import("./published.js").PoseFields} Pose */
+/** @typedef {import("./published.js").Aim} Aim */
 
 /** @typedef {{ state: Line, heardMs: number }} Body a limb: its last state, and when */
 

@@ -11,7 +11,7 @@
  * @property {number | null} heading_sigma_deg
  * @property {number | null} tilt_sigma_deg
  * @property {number | null} age_s
- * @property {string | null} [void]
+ * @property {string | null} void
  */
 
 /**
@@ -21,18 +21,18 @@
  * @property {number} number
  * @property {number} missing
  * @property {number} t_device_us
- * @property {number | null} [t_ns]
- * @property {number | null} [t_bound_us]
- * @property {number | null} [age_us]
- * @property {string | null} [utc_host]
- * @property {number | null} [utc_bound_us]
+ * @property {number | null} t_ns
+ * @property {number | null} t_bound_us
+ * @property {number | null} age_us
+ * @property {string | null} utc_host
+ * @property {number | null} utc_bound_us
  * @property {Quaternion} q
  * @property {Vector | null} position_m
  * @property {Vector | null} normal
  * @property {number | null} tilt_sigma_deg
  * @property {number | null} heading_sigma_deg
  * @property {string[]} flags
- * @property {SinceOrigin | null} [since_origin]
+ * @property {SinceOrigin | null} since_origin
  */
 
 /**
@@ -48,8 +48,8 @@
  * @property {number} hold_s
  * @property {number} error_deg
  * @property {number | null} sigma_deg
- * @property {"origin" | "capture" | null} [since]
- * @property {string | null} [void]
+ * @property {"origin" | "capture" | null} since
+ * @property {string | null} void
  * @property {"off" | "unsure" | "sure"} state
  * @property {Vector} difference_deg
  * @property {number} held_s

@@ -4,6 +4,7 @@
 // Baranek's paper compares: the fused angles, those of the accelerometer alone, and those
 // of the gyroscope alone.
 
+import { POSE_NUMBERS } from "../published.js";
 import {
   DEGREES,
   fromRotationVector,
@@ -26,8 +27,7 @@ export const POSE_COLUMNS = [
   "yaw_deg",
   "pitch_deg",
   "roll_deg",
-  "tilt_sigma_deg",
-  "heading_sigma_deg",
+  ...POSE_NUMBERS,
   "age_ms",
   "latency_ms",
 ];
@@ -118,8 +118,7 @@ export class Recorder {
       yaw,
       pitch,
       roll,
-      line.tilt_sigma_deg ?? NaN,
-      line.heading_sigma_deg ?? NaN,
+      ...POSE_NUMBERS.map((name) => line[name] ?? NaN),
       line.age_us === null ? NaN : line.age_us / 1000,
       line.t_bound_us === null ? NaN : Math.max(0, latency),
     ]);

@@ -5,6 +5,7 @@
 import { make, mark, say } from "../dom.js";
 import { angle, fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { errorsOf } from "../model.js";
+import { POSE_NUMBERS } from "../published.js";
 import { heading, toAngles } from "../rotation.js";
 import { Accuracy } from "./accuracy.js";
 import { convention, conventionChoice } from "./convention.js";
@@ -17,6 +18,9 @@ import { both, voidWords } from "./words.js";
 const SIGMAS = 1.96; // 95 % of errors are within
 const LATE_US = 300e3; // an age above it is shown without being asked for
 const SLOW = 0.9; // so is a rate below this share of the wanted one
+
+// The numbers of a pose that stand beside no angle, by their names.
+const OTHERS = POSE_NUMBERS.filter((name) => !/^(tilt|heading)_sigma_deg$/.test(name));
 
 /** A row: name, value with unit, error. */
 class Quantity {
@@ -83,6 +87,7 @@ export class Numbers {
     this._battery = new Quantity("Battery", "V");
     this._radio = new Quantity("Radio", "");
     this._card = new Quantity("Card", "");
+    this._others = OTHERS.map((name) => new Quantity(name.replaceAll("_", " "), ""));
     // What a probe may not have is shown once it has it.
     for (const each of [this._tip, this._stroke, this._closure, this._battery, this._radio, this._card]) {
       each.show(null);
@@ -95,7 +100,7 @@ export class Numbers {
     this._folded = make("dl", { class: "quantities" });
     const rows = (/** @type {Quantity[]} */ ...of) => of.map(({ row }) => row);
     this._front.append(...rows(this._tip, this._stroke, this._closure, this._battery, this._radio, this._card));
-    this._folded.append(...rows(this._heading, this._rate, this._lost, this._age));
+    this._folded.append(...rows(this._heading, this._rate, this._lost, this._age, ...this._others));
     this.element = make(
       "div",
       { class: "card numbers" },
@@ -156,6 +161,8 @@ export class Numbers {
     );
     const mm = pose.position_m?.map((metres) => fixed(metres * 1000, 1, 7));
     this._tip.show(mm?.join(" ") ?? null);
+    const values = /** @type {Record<string, any>} */ (pose);
+    this._others.forEach((row, index) => row.show(fixed(values[OTHERS[index]], 2)));
     mark(this.element, "data-number", String(pose.number));
   }
 
