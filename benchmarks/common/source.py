@@ -6,6 +6,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
+from imud import published
 from imud.wire import messages, schema
 from imud.wire.frame import encode_frame
 
@@ -13,10 +14,9 @@ RATE_HZ = 200
 
 _HEAD = struct.Struct(schema.HEADER)
 _IDS = {message.name: message.id for message in schema.MESSAGES}
-_POSE: dict[str, Any] = {
+_POSE: dict[str, Any] = dict.fromkeys(published.WIRE["pose"].values()) | {
     "q": (0.5, 0.5, -0.5, 0.5),
     "position": (0.1, -0.2, 0.001),
-    "normal": None,
     "tilt_sigma": 0.37,
     "heading_sigma": 1.25,
     "pose_flags": (),

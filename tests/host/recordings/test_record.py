@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from chain import Chain
-from fakes import FakeProbe, Forked
+from fakes import POSE, FakeProbe, Forked
 from imud.client import Delivery
 from imud.log.file import Settings
 from imud.log.reader import METADATA_OF_PROBES, Logged
@@ -126,20 +126,10 @@ def test_a_disk_without_room_is_told_and_counted(
 ) -> None:
     settings = Settings(floor_bytes=1 << 62)
     made = Recorder(network, tmp_path, settings, None)  # type: ignore[arg-type]
-    network.say("frame", encode("pose", FakePose, 1, 2))
+    network.say("frame", encode("pose", POSE, 1, 2))
     made.write()
     assert "logging is paused" in made.trouble
     assert made.summary()[NAME]["unwritten"] == 1
-
-
-FakePose: dict[str, Any] = {
-    "q": (1.0, 0.0, 0.0, 0.0),
-    "position": None,
-    "normal": None,
-    "tilt_sigma": None,
-    "heading_sigma": None,
-    "pose_flags": (),
-}
 
 
 def test_a_recorder_as_a_process_keeps_all_that_a_daemon_says(
