@@ -16,15 +16,6 @@ from imud.errors import ProbeUnknown
 from imud.roles import Role
 from imud.ros2 import topics
 
-ROLES: dict[Role, str] = {
-    "viewer": "pose, aim, stroke, path, mark, status and params",
-    "operator": "pose, aim, stroke, path, mark, status, params, event, command "
-    "and raw; commands",
-    "recorder": "pose, aim, stroke, path, mark, status, params, event, command, "
-    "raw, frame, twin, learn, clock and log",
-    "daemon": "another imud, which publishes into this network",
-}
-
 Rule = dict[str, Any]
 
 # The last parts of the keys that a role may read.
@@ -36,6 +27,12 @@ READS: dict[Role, tuple[str, ...]] = {
     "operator": _OF_OPERATOR,
     "recorder": (*_OF_OPERATOR, "frame", "twin", "learn", "clock", "log"),
 }
+# In words.
+ROLES: dict[Role, str] = {
+    role: f"{', '.join(topics[:-1])} and {topics[-1]}" for role, topics in READS.items()
+}
+ROLES["operator"] += "; commands"
+ROLES["daemon"] = "another imud, which publishes into this network"
 
 # Types of ROS 2 topics, in any domain and namespace: those that tell no more than pose
 # and status, and those with samples.

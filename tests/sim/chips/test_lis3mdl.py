@@ -91,28 +91,6 @@ def test_temperature_stands_without_its_enable_bit(chip: Chip) -> None:
     assert chip.words(MAG, 0x2E, 1) == [0]
 
 
-def test_a_sample_sets_its_flags_and_high_bytes_clear_them(chip: Chip) -> None:
-    chip.run()
-    chip.sample()
-    assert chip.status() == 0x0F
-    chip.get(MAG, 0x28)  # the low byte of X clears no flag
-    assert chip.status() == 0x0F
-    seen = []
-    for reg in (0x29, 0x2B, 0x2D):
-        chip.get(MAG, reg)
-        seen.append(chip.status())
-    assert seen == [0x0E, 0x0C, 0x00]
-
-
-def test_a_sample_unread_is_overrun(chip: Chip) -> None:
-    chip.run()
-    chip.sample()
-    chip.sample()
-    assert chip.status() == 0xFF
-    chip.counts()
-    assert chip.status() == 0x00
-
-
 def test_drdy_is_high_from_the_sample_until_all_is_read(chip: Chip) -> None:
     chip.run()
     assert not chip.is_high()
@@ -122,16 +100,6 @@ def test_drdy_is_high_from_the_sample_until_all_is_read(chip: Chip) -> None:
     assert chip.is_high()
     chip.get(MAG, 0x2D)
     assert not chip.is_high()
-
-
-def test_two_samples_behind_a_held_axis_are_an_overrun(chip: Chip) -> None:
-    chip.run()
-    chip.sample()
-    chip.get(MAG, 0x28)
-    chip.sample()
-    assert chip.status() & 0x90 == 0x00
-    chip.sample()
-    assert chip.status() & 0x10 == 0x10
 
 
 def test_a_good_magnetometer_passes_its_self_test(chip: Chip) -> None:

@@ -24,45 +24,7 @@ from sim.chips.lsm9ds0_desk import (
     XM,
     Chip,
     G,
-    every_sensor,
 )
-
-
-@every_sensor
-def test_a_sample_sets_its_flags_and_high_bytes_clear_them(
-    chip: Chip, quantity: int
-) -> None:
-    address, _, out = PLACES[quantity]
-    chip.run(quantity)
-    chip.sample(quantity)
-    assert chip.status(quantity) == 0x0F
-    chip.get(address, out)  # the low byte of X clears no flag (AN3308)
-    assert chip.status(quantity) == 0x0F
-    seen = []
-    for reg in (out + 1, out + 3, out + 5):
-        chip.get(address, reg)
-        seen.append(chip.status(quantity))
-    assert seen == [0x0E, 0x0C, 0x00]
-
-
-@every_sensor
-def test_a_sample_unread_is_overrun(chip: Chip, quantity: int) -> None:
-    chip.run(quantity)
-    chip.sample(quantity)
-    chip.sample(quantity)
-    assert chip.status(quantity) == 0xFF
-    chip.counts(quantity)
-    assert chip.status(quantity) == 0x00
-
-
-def test_two_samples_behind_a_held_axis_are_an_overrun(chip: Chip) -> None:
-    chip.run_gyro()
-    chip.sample(GYR)
-    chip.get(G, 0x28)
-    chip.sample(GYR)
-    assert chip.status(GYR) & 0x90 == 0x00
-    chip.sample(GYR)
-    assert chip.status(GYR) & 0x10 == 0x10
 
 
 def test_disabled_axes_are_not_updated(chip: Chip) -> None:
