@@ -133,7 +133,7 @@ def _of_wire(field: Field) -> tuple[str, str]:
     if field.scale == 1:
         kinds |= {1: "count", 3: "counts"}
     kind = kinds.get(field.count, "")
-    unit = UNITS.get(field.unit, field.unit)
+    unit = UNITS.get(field.unit, field.unit.replace("/", "_"))
     null = "" if field.null is None else "?"
     return f"{field.name}_{unit}" if unit else field.name, kind + null
 

@@ -14,7 +14,8 @@ from types import ModuleType
 import pytest
 
 import generate
-from generator import c_code, checker, python_code
+from generator import c_code, checker, published, python_code
+from generator.schema import SchemaError
 from programs import ran
 from protocol import wire
 from protocol.small import SMALL, change, load
@@ -49,13 +50,16 @@ def test_each_stale_file_is_named_with_what_differs(project: Path) -> None:
     for path in generate.outputs(checker.load(generate.SCHEMA)):
         file = project / path
         fresh = file.read_text("utf-8")
-        # Only inside generated text: the generator leaves the document's prose alone.
-        file.write_text(fresh.replace("temperature", "temperament"), "utf-8")
+        # Only inside generated text: the generator leaves a document's prose alone.
+        parts = re.split("(<!-- begin.*?<!-- end generated -->)", fresh, flags=re.S)
+        spoiled = slice(1 if len(parts) > 1 else 0, None, 2)
+        parts[spoiled] = [each.replace("sigma", "stigma") for each in parts[spoiled]]
+        file.write_text("".join(parts), "utf-8")
         done = run(project, "--check")
         assert done.returncode == 1
         lines = done.stdout.splitlines()
         assert lines[0].startswith(f"{path} is stale")
-        assert any(line.startswith("-") and "temperament" in line for line in lines)
+        assert any(line.startswith("-") and "stigma" in line for line in lines)
         assert len([line for line in lines if " is stale" in line]) == 1
         assert run(project).returncode == 0
         assert file.read_text("utf-8") == fresh
@@ -90,6 +94,26 @@ def test_a_mistake_stops_the_generator_and_writes_nothing(project: Path) -> None
     assert done.returncode == 1
     assert done.stderr.startswith("schema.toml: message raw: id 0x07 is less than")
     assert (project / generate.C_HEADER).read_text("utf-8") == before
+
+
+def test_a_field_of_a_pose_is_published_everywhere_or_refused(tmp_path: Path) -> None:
+    last = 'meaning = "quality of this pose" },\n'
+    field = '{ name = "lift", tag = 36, type = "u16", scale = 0.1, unit = "m/s2",'
+    schema = load(tmp_path, change(SCHEMA, last, f'{last} {field} meaning = "m" }},'))
+    known = (ROOT / generate.PUBLISHED).read_text("utf-8")
+    (file := tmp_path / "published.toml").write_text(known, "utf-8")
+    with pytest.raises(SchemaError, match=r"PoseFields: needs a row for \['lift'\]"):
+        published.load(file, schema)
+    row = '  { wire = "pose_flags"'
+    more = change(known, row, f'  {{ wire = "lift", meaning = "up" }},\n{row}')
+    file.write_text(more, "utf-8")
+    structs = published.load(file, schema)
+    assert "    lift_m_s2: float\n" in published.python(structs)
+    assert '        "lift_m_s2": "lift",\n' in published.python(structs)
+    assert " * @property {number} lift_m_s2\n" in published.script(structs)
+    assert '  "lift_m_s2",\n' in published.script(structs)
+    text = (ROOT / generate.POSE).read_text("utf-8")
+    assert "\n| `lift_m_s2` | up |\n" in published.document(structs, text)
 
 
 def test_canonical_is_printed_on_request() -> None:
