@@ -63,7 +63,7 @@ def test_both_families_run_and_are_named(who):
 
 def test_a_relative_has_the_scales_and_delay_of_its_own_row():
     known = lib.adafruit_4517
-    row = {"who_am_i": (0x6D,), "gyr_delay_us": 1, "acc_lsb_nm_s2": 2, "rate_hz": 3}
+    row = {"who_am_i": (0xED,), "gyr_delay_us": 1, "acc_lsb_nm_s2": 2, "rate_hz": 3}
     rows = ffi.new("struct sensor_identity[]", [known.inertial.chip.kinds[0], row])
     chip = ffi.new("struct part_chip *", known.inertial.chip[0])
     chip.kinds, chip.kinds_count = rows, 2
@@ -71,15 +71,15 @@ def test_a_relative_has_the_scales_and_delay_of_its_own_row():
     inertial.chip = chip
     config = ffi.new("struct joined_config *", known)
     config.inertial = inertial
-    bench = running(Chips(Inertial(who=0x6D)), config=config)
+    bench = running(Chips(Inertial(who=0xED)), config=config)
     found = {name: getattr(bench.identity, name) for name in row}
     assert found | {"who_am_i": tuple(found["who_am_i"])} == row | {
-        "who_am_i": (0x6D, 0x3D)
+        "who_am_i": (0xED, 0x3D)
     }
     assert bench.identity.mag_lsb_pt == round(1e8 / 6842)
 
 
-@pytest.mark.parametrize("who", [0x69, 0x6A, 0x6D, 0x71, 0xFF])
+@pytest.mark.parametrize("who", [0x69, 0x6A, 0x6E, 0x71, 0xFF])
 def test_an_inertial_chip_of_another_kind_is_refused_and_named(who):
     bench = Bench(Chips(Inertial(who=who)))
     assert bench.set_up() == lib.SENSOR_WRONG_CHIP
