@@ -21,7 +21,7 @@ from imud.calibration.recording import Sample
 from imud.cli import main
 from imud.params.value import Params
 from imud.rotation import FloatArray
-from imud.virtual.calibrating import Manners
+from imud.virtual.calibrating import SCALE, Manners
 from imud.virtual.modules import shop
 from imud.virtual.motions.module import Module
 
@@ -53,6 +53,16 @@ def waved(seconds: float = 32.0) -> tuple[Sample, ...]:
     ups = list(units(np.random.default_rng(6).standard_normal((40, 3))))
     manners = Manners(stop_s=0.02, move_s=1.5, is_held=True, swerve_rad=0.6)
     return tuple(samples(module(), 6, ups[: int(seconds / 1.52)], manners))
+
+
+def in_si(rows: Sequence[Sample]) -> tuple[FloatArray, ...]:
+    """Time in s, m/s2, rad/s and uT of samples that imud.virtual.calibrating made."""
+    return (
+        np.array([each.t_us for each in rows]) * 1e-6,
+        np.array([each.acc for each in rows]) * SCALE.acc_m_s2,
+        np.array([each.gyr for each in rows]) * SCALE.gyr_rad_s,
+        np.array([each.mag for each in rows]) * SCALE.mag_ut,
+    )
 
 
 @cache

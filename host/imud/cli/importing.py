@@ -23,7 +23,7 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "import",
-        "convert recordings of other programs to a log: CSV, npz, Parquet, ROS bags",
+        "convert recordings of other programs to a log: CSV, .npz, .mat, Parquet, bags",
         "imud import walk.csv --map acc=ax,ay,az --unit gyr=deg/s --axes mag=y,x,-z",
         "Columns and units that you don't name are guessed from column names and "
         "plausible values, and shown: docs/logs.md. Commands that take a log also "
@@ -33,8 +33,8 @@ def add(commands: Commands) -> None:
         "file",
         metavar="FILE",
         type=Path,
-        help=".csv, .tsv, .txt (also packed, .gz), .npz, .parquet, .bag, or the folder "
-        "of a ROS 2 bag",
+        help=".csv, .tsv, .txt (also packed, .gz), .npz, .mat, .parquet, .bag, or the "
+        "folder of a ROS 2 bag",
     )
     parser.add_argument(
         "--to", metavar="LOG", type=Path, help="the log (default: FILE.mcap beside it)"
@@ -57,7 +57,7 @@ def add(commands: Commands) -> None:
             "directions of the columns in the body frame, such as y,x,-z",
         ),
         ("only", "COLUMN=VALUE", "rows of one device, where a table has several"),
-        ("topic", "TOPIC", "of a bag that has several of a kind"),
+        ("topic", "TOPIC", "of a bag, or struct of a .mat, with several of a kind"),
     ):
         parser.add_argument(
             f"--{option}", metavar=metavar, action="append", default=[], help=words

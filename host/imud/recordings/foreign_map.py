@@ -29,6 +29,11 @@ NAMES = {
 TIMES = ("time", "timestamp", "datetime", "stamp", "t", "seconds", "secs", "micros",
          "millis", "zeit", "uhrzeit", "temps", "tiempo", "tempo")  # fmt: skip
 
+# Of a lone number: rows in a second.
+RATES = ("fs", "rate", "sampling", "samplerate", "samplingrate", "freq", "frequency",
+         "hz", "odr")  # fmt: skip
+RATE_HZ = (1.0, 10_000.0)
+
 PROCESSED = ("linear", "user", "gravity")
 # A time in two columns.
 SECONDS, NANOSECONDS = ("s", "sec", "secs"), ("nanosec", "nsec", "nsecs")
@@ -39,7 +44,7 @@ UNITS: dict[str, dict[str, float]] = {
     "acc": {"m/s2": 1.0, "g": GRAVITY_M_S2, "mg": GRAVITY_M_S2 / 1000.0, "cm/s2": 0.01},
     "gyr": {"rad/s": 1.0, "deg/s": DEGREE, "mrad/s": 1e-3, "mdeg/s": DEGREE / 1e3},
     "mag": {"uT": 1.0, "T": 1e6, "mT": 1e3, "nT": 1e-3, "G": 100.0, "mG": 0.1},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "days": 86400.0},
 }
 # Counts of common ranges: 2, 4, 8, 16 g and 250, 500, 1000, 2000 deg/s in 16 bits.
 COUNTS = {
@@ -93,7 +98,7 @@ class ForeignMap:
             columns = ", ".join(self.columns[name])
             yield f"{name:<5}{columns}: {unit}{how}{along}{note}"
         if "time" not in self.columns:
-            yield f"time {self.rate_hz:g} rows per second, as given"
+            yield f"time {self.rate_hz:g} rows per second"
 
 
 def unit_of(sensor: str, text: str) -> float:
@@ -238,6 +243,9 @@ def _find_time(table: ForeignTable, told: ForeignMap) -> None:
         return
     if "time" not in told.columns:
         found = [n for n in table.columns if set(words(n)) & set(TIMES)]
+        if not found and (rate_hz := _rate_hz(table, told)):
+            told.rate_hz = rate_hz
+            return
         if not found:
             raise FileError(
                 "no column of time found: --map time=COLUMN, or --rate HZ for evenly "
@@ -269,6 +277,25 @@ def _find_time(table: ForeignTable, told: ForeignMap) -> None:
         f"unknown unit of {name}, with steps of {step:g}: pass one such as --unit "
         "time=ms"
     )
+
+
+def _rate_hz(table: ForeignTable, told: ForeignMap) -> float | None:
+    """That columns of one number tell by their name, best those of the force's struct.
+    FileError if they differ.
+    """
+    found = {}
+    for name, column in table.columns.items():
+        is_rate = (
+            set(words(name)) & set(RATES) and RATE_HZ[0] <= column[0] <= RATE_HZ[1]
+        )
+        if is_rate and (column == column[0]).all():
+            found[name] = float(column[0])
+    place = told.columns["acc"][0].rpartition(".")[0]
+    near = [hz for name, hz in found.items() if name.rpartition(".")[0] == place]
+    rates = {*(near or found.values())}
+    if len(rates) > 1:
+        raise FileError(f"several rates: {', '.join(found)}: pass one with --rate HZ")
+    return rates.pop() if rates else None
 
 
 def _named_unit(sensor: str, column: str, told: ForeignMap) -> bool:

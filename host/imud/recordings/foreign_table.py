@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from imud.errors import FileError, reason
+from imud.recordings import foreign_mat
 from imud.recordings.foreign_text import (
     UNPACKED_MAX,
     UNPACKED_TIMES,
@@ -30,7 +31,7 @@ from imud.rotation import FloatArray
 from imud.virtual.npz import arrays_of
 
 TEXTS = (".csv", ".tsv", ".txt", ".dat")
-KINDS = (*TEXTS, ".npz", ".parquet", ".bag", ".db3")
+KINDS = (*TEXTS, ".npz", ".mat", ".parquet", ".bag", ".db3")
 BAG = "metadata.yaml"  # in the folder of a bag of ROS 2
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
@@ -56,17 +57,16 @@ def is_foreign(path: Path) -> bool:
 def read(
     path: Path, only: Mapping[str, str] | None = None, topics: tuple[str, ...] = ()
 ) -> ForeignTable:
-    """The rows whose columns hold what `only` says; `topics`: those of a bag that are
-    read, empty: any. FileError with what is wrong.
+    """The rows whose columns hold what `only` says; `topics`: those of a bag, or the
+    structs of a .mat, that are read, empty: any. FileError with what is wrong.
     """
     only = only or {}
     suffix = path.suffix.lower()
     try:
         if suffix in (".bag", ".db3", ".mcap") or (path / "metadata.yaml").exists():
             return _bag(path, topics)
-        if suffix in (".npz", ".parquet"):
-            flat = _flat(path, _npz(path)) if suffix == ".npz" else _parquet(path)
-            return _chosen(path, flat, only)
+        if suffix in READERS:
+            return _chosen(path, READERS[suffix](path, topics), only)
         return read_text(path, only)
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror or error}") from error
@@ -86,16 +86,31 @@ def _chosen(path: Path, table: ForeignTable, only: Mapping[str, str]) -> Foreign
     return replace(table, columns=columns)
 
 
-def _npz(path: Path) -> dict[str, Any]:
+def _npz(path: Path, _: tuple[str, ...]) -> ForeignTable:
     try:
         with zipfile.ZipFile(path) as archive:
             keys = [name.removesuffix(".npy") for name in archive.namelist()]
-        return dict(arrays_of(path, keys))
+        return _flat(path, arrays_of(path, keys))
     except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise FileError(f"{path}: not a .npz of plain arrays: {error}") from error
 
 
-def _parquet(path: Path) -> ForeignTable:
+def _mat(path: Path, topics: tuple[str, ...]) -> ForeignTable:
+    """Of several structs with a force one has to be chosen. FileError names them."""
+    arrays, others = foreign_mat.arrays_of(path)
+    structs = {name.rpartition(".")[0] for name in arrays if _is_force(name)}
+    if not topics and len(structs) > 1:
+        there = ", ".join(sorted(structs, key=lambda name: (len(name), name)))
+        raise FileError(f"{path} has several: choose one with --topic: {there}")
+    for topic in topics:
+        inner = [n for n in arrays if n == topic or n.startswith(f"{topic}.")]
+        if not inner:
+            raise FileError(f"{path} has no {topic}: {', '.join(arrays)}")
+        arrays = {name: arrays[name] for name in inner}
+    return _flat(path, arrays, others)
+
+
+def _parquet(path: Path, _: tuple[str, ...]) -> ForeignTable:
     """Of a file of texts or long lists only the columns of numbers are unpacked."""
     try:
         import pyarrow
@@ -148,11 +163,19 @@ def _array_of(column: Any) -> Any:
     return (column.cast("float64") if is_decimal else column).to_numpy()
 
 
+def _is_force(name: str) -> bool:
+    return any(part.startswith("acc") for part in words(name))
+
+
 def _flat(
     path: Path, arrays: Mapping[str, Any], texts: tuple[str, ...] = ()
 ) -> ForeignTable:
-    """Arrays of shape (n, 3) as three columns; a lone number is a rate and the like."""
-    rows = max((len(a) for a in map(np.atleast_1d, arrays.values())), default=0)
+    """Rows are as many as a force has, else the most; arrays of shape (n, k) or (k, n)
+    are k columns; a lone number is a rate and the like.
+    """
+    sizes = {name: max(np.shape(array), default=1) for name, array in arrays.items()}
+    forces = [sizes[name] for name in sizes if _is_force(name) and sizes[name] > 1]
+    rows = max(forces or sizes.values(), default=0)
     found: dict[str, FloatArray] = {}
     clocks = set()
     for name, values in arrays.items():
@@ -162,18 +185,21 @@ def _flat(
             clocks.add(name)
         if array.dtype.kind not in "fiu":
             continue
-        if array.ndim == 2 and array.shape == (3, rows) and rows != 3:
-            array = array.T
-        if array.ndim == 1 and len(array) == rows:
-            found[name] = array.astype(float)
-        elif array.ndim == 2 and array.shape == (rows, 3):
-            for axis, column in zip("xyz", array.T, strict=True):
-                found[f"{name}_{axis}"] = column.astype(float)
-        elif array.size == 1:
+        if array.size == 1:
             found[name] = np.full(rows, float(array.ravel()[0]))
+        elif array.shape == (rows,):
+            found[name] = array.astype(float)
+        elif array.ndim == 2 and rows in array.shape:
+            array = array if len(array) == rows else array.T
+            tags = "xyz" if array.shape[1] == 3 else range(1, 1 + array.shape[1])
+            for tag, column in zip(tags, array.T, strict=True):
+                found[f"{name}_{tag}"] = column.astype(float)
     if not found or rows == 0:
         raise FileError(f"{path} holds no columns of numbers")
     return ForeignTable(found, in_seconds=frozenset(clocks), texts=texts)
+
+
+READERS = {".npz": _npz, ".mat": _mat, ".parquet": _parquet}
 
 
 def _bag(path: Path, topics: tuple[str, ...]) -> ForeignTable:

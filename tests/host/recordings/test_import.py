@@ -26,8 +26,7 @@ from imud.errors import FileError
 from imud.recordings import foreign_log, foreign_text, motions
 from imud.recordings.foreign_map import ForeignMap, unit_of
 from imud.rotation import FloatArray
-from imud.virtual.calibrating import SCALE
-from raw_probe import calibrating, used
+from raw_probe import calibrating, in_si, used
 
 G = 9.80665
 
@@ -35,13 +34,7 @@ G = 9.80665
 @cache
 def recording(*, is_long: bool = False) -> tuple[FloatArray, ...]:
     """Time in s, m/s2, rad/s, uT of a module in use, or of one that is calibrated."""
-    samples = calibrating() if is_long else used(20.0)
-    return (
-        np.array([each.t_us for each in samples]) * 1e-6,
-        np.array([each.acc for each in samples]) * SCALE.acc_m_s2,
-        np.array([each.gyr for each in samples]) * SCALE.gyr_rad_s,
-        np.array([each.mag for each in samples]) * SCALE.mag_ut,
-    )
+    return in_si(calibrating() if is_long else used(20.0))
 
 
 def text(path: Path, names: Sequence[str], *columns: FloatArray, by: str = ",") -> Path:
