@@ -5,7 +5,8 @@ function table = read_table (path)
   names = strsplit (fgetl (file), ',');
   words = {'time_utc', 'utc_host', 'flags', 'event', 'cause', 'end', 'state', 'port', ...
            'reason', 'log_state', 'twin_state', 'since_origin_void', ...
-           'advice', 'text', 'command', 'by'};
+           'advice', 'text', 'command', 'by', 'id', 'unit', 'probe_id', ...
+           'no_position'};
   kinds = repmat ({'%f'}, 1, numel (names));
   kinds(ismember (names, words)) = {'%s'};
   columns = textscan (file, [kinds{:}], 'Delimiter', ',', 'EmptyValue', NaN);

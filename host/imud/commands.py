@@ -106,15 +106,13 @@ class ProbeCommand:
 
 def _say_mark(probe: str, _: Mapping[str, str], value: Any) -> str:
     place, error = value["position_m"], value["position_sigma_m"]
-    if value["q"] is None:
-        where = "no pose at this moment; start the stream with imud start"
-    elif place is None:
-        where = "the position of its tip is unknown"
-    else:
+    where = value["no_position"]
+    if place is not None:
         mm = " ".join(f"{1000.0 * each:.1f}" for each in place)
         sure = "" if error is None else f" +-{1000.0 * error:.1f}"
         where = f"tip at {mm}{sure} mm"
-    return f"{probe}: marked; {where}"
+    done = "marked" if value["state"] == "new" else value["state"]
+    return f"{probe}: {done}; {where}; its id is {value['id']}"
 
 
 def _say_name(probe: str, given: Mapping[str, str], value: Any) -> str:
@@ -271,7 +269,8 @@ _ROWS = (
     ),
     ProbeCommand(
         "mark",
-        "put a value or a note into the log, with the tip's current position",
+        "put a value or a note into the log, with the tip's current position; correct "
+        "one, or take it back",
         (
             Argument(
                 "value",
@@ -280,14 +279,36 @@ _ROWS = (
                 options=(Option("VALUE", "a number measured there"),),
             ),
             Argument(
+                "unit",
+                "text",
+                length_max=20,
+                is_optional=True,
+                options=(Option("unit", "unit of the value, such as N"),),
+            ),
+            Argument(
                 "text",
                 "text",
                 length_max=200,
                 is_optional=True,
                 options=(Option("note", "text of at most 200 characters"),),
             ),
+            Argument(
+                "id",
+                "text",
+                limits="of an earlier mark",
+                is_optional=True,
+                options=(Option("id", "change this mark instead"),),
+            ),
+            Argument(
+                "withdraw",
+                "choice",
+                {"1": 1},
+                is_optional=True,
+                options=(Option("withdraw", "take back the mark of --id", "1"),),
+            ),
         ),
-        needs="value=NUMBER or text=TEXT of at most 200 characters, or both",
+        needs="value=NUMBER or text=TEXT of at most 200 characters, or both, and may "
+        "have unit=TEXT of at most 20; id=ID and what changes, or id=ID and withdraw=1",
         by_daemon=True,
         example="imud mark stylus 0.42 --note 'second press'",
         details="The mark is published on imud/PROBE/mark with the current pose and "

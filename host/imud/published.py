@@ -135,7 +135,11 @@ class Mark(msgspec.Struct, frozen=True, kw_only=True):
 
     probe: str
     t_ns: int
+    id: str | None = None
+    state: Literal["new", "corrected", "withdrawn"] | None = None
+    probe_id: str | None = None
     value: float | None
+    unit: str | None = None
     text: str
     t_pose_ns: int | None
     t_device_us: int | None
@@ -148,6 +152,7 @@ class Mark(msgspec.Struct, frozen=True, kw_only=True):
     flags: tuple[str, ...] | None
     since_origin: SinceOrigin | None
     position_sigma_m: float | None
+    no_position: str | None = None
 
 
 class Command(About, frozen=True, kw_only=True):

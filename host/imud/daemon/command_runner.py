@@ -19,27 +19,40 @@ from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, ImudError
 from imud.net.queries import Answer
 from imud.probes.aim import Aim, Target
-from imud.probes.mark import mark_of
+from imud.probes.mark import MarkBook, mark_of
 from imud.probes.timeline import host_ns
 
 MARK = COMMANDS["mark"]
-TEXT_MAX = MARK.argument("text").length_max or 0
+WORDS = ("unit", "text")
 # An older pose does not tell where the probe is now.
 AGE_MAX_NS = 1_000_000_000
 
 
 def mark(
-    entry: ProbeEntry, parameters: Mapping[str, str], now_ns: int
+    entry: ProbeEntry, parameters: Mapping[str, str], now_ns: int, marks: MarkBook
 ) -> dict[str, Any]:
-    """The mark at the pose of a probe at the host's time `now_ns`; CommandRefused if
-    it is none.
+    """The mark at the pose of a probe at the host's time `now_ns`, or an earlier one
+    as it is from now on; CommandRefused if it is none.
     """
-    value, text = _value(parameters.get("value")), parameters.get("text", "")
-    if (value is None and not text) or len(text) > TEXT_MAX:
+    before: Mapping[str, Any] = {"value": None, "unit": "", "text": ""}
+    mark_id, withdraw = parameters.get("id"), parameters.get("withdraw")
+    if mark_id is not None:
+        found = marks.find(entry.probe.probe_id, mark_id)
+        if found is None:
+            raise CommandRefused(f"{entry.name} has no mark {mark_id[:40]}")
+        before = found
+    if parameters.keys() == {"id", "withdraw"} and withdraw == "1":
+        return {**before, "state": "withdrawn"}
+    noted = {key: parameters.get(key, before[key]) for key in ("value", "unit", "text")}
+    if isinstance(noted["value"], str):
+        noted["value"] = _value(noted["value"])
+    is_short = all(len(noted[k]) <= (MARK.argument(k).length_max or 0) for k in WORDS)
+    if withdraw or not is_short or (noted["value"] is None and not noted["text"]):
         raise CommandRefused(MARK.usage)
-    scales = entry.probe.scales
+    if mark_id is not None:
+        return {**before, **noted, "state": "corrected"}
     pose = _pose_now(entry, now_ns)
-    return mark_of(pose, scales.params, entry.closer.sigma_m, value, text)
+    return mark_of(pose, entry.probe.scales.params, entry.closer.sigma_m, noted)
 
 
 def _pose_now(entry: ProbeEntry, now_ns: int) -> Mapping[str, Any]:
@@ -47,8 +60,8 @@ def _pose_now(entry: ProbeEntry, now_ns: int) -> Mapping[str, Any]:
     return entry.pose if now_ns - entry.pose_ns < AGE_MAX_NS else {}
 
 
-def _value(text: str | None) -> float | None:
-    if text is None:
+def _value(text: str) -> float | None:
+    if not text:
         return None
     try:
         value = float(text)
@@ -199,7 +212,9 @@ class CommandRunner:
 
     async def _mark(self, request: Request) -> Any:
         entry = self._entry(request)
-        return self._intake.mark(entry, mark(entry, request.parameters, host_ns()))
+        marks = self._intake.marks
+        made = mark(entry, request.parameters, host_ns(), marks)
+        return self._intake.mark(entry, made)
 
     async def _configure(self, request: Request) -> dict[str, bool]:
         probe_id = self._entry(request).probe.probe_id

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from imud.config.settings import Config, listens_on
@@ -31,6 +32,7 @@ from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
 from imud.errors import ImudError, ListenFailed, described
 from imud.journal.output import Journal, JournalStream, journal_on_stderr
+from imud.log.marks import marks_in
 from imud.machine import system
 from imud.net.network import Keys, read_keys
 from imud.net.queries import Answer
@@ -116,6 +118,8 @@ class Daemon:
             self._outputs.open(self._config)
             await self._serve_metrics()
             logger.info("%s", self._greeting())
+            if self._config.log.enabled:
+                self._start(self._recall(Path(self._config.log.dir)))
             # Objects made by now stay: a collection that includes them takes 25 ms.
             gc.freeze()
             gc.set_threshold(GARBAGE_MIN, *gc.get_threshold()[1:])
@@ -194,6 +198,10 @@ class Daemon:
         self._reports.on_status = server.update
         self._reports.on_forgotten = server.forget
 
+    async def _recall(self, logs: Path) -> None:
+        """Takes up the marks in the latest logs."""
+        self._intake.recall(await self._in_thread(marks_in, logs))
+
     def _begin_reload(self) -> None:
         self._start(self._reload())
 
@@ -224,6 +232,7 @@ class Daemon:
         self._outputs.apply(config, renamed, put)
         # Presence last: who sees it may ask for the rest at once.
         self._intake.params.announce(self._intake.timeline.utc(host_ns()))
+        self._intake.announce_marks()
         self._reports.announce()
         self._finder.configure(config.ports)
         self._history.configure(config.params.folder)

@@ -5,7 +5,7 @@ faults to the journal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from imud.config.settings import Config
@@ -21,6 +21,7 @@ from imud.daemon.sensor_watch import follow_event, follow_status, sensor_finding
 from imud.daemon.stage_runner import StageRunner
 from imud.errors import CommandRefused
 from imud.journal.output import Journal
+from imud.probes.mark import MARKS, MarkBook
 from imud.probes.record import equipment_of, record_of
 from imud.probes.session import (
     Event,
@@ -60,6 +61,7 @@ class Intake:
         )
         self.stages = StageRunner(self._publisher, self._lines)
         self.params = ParamsWatch(self.registry, self._publisher)
+        self.marks = MarkBook()
         self._read_ns = host_ns()  # when the last bytes came, of whichever probe
         self.on_reply: Callable[[ProbeEntry, Received], None] = lambda *_: None
         self.on_found: Callable[[str], None] = lambda _: None
@@ -149,9 +151,30 @@ class Intake:
         self._publisher.say(entry, COMMAND, told, t_ns)
 
     def mark(self, entry: ProbeEntry, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Publishes what was noted now, and returns it."""
+        """Publishes a mark that was made or changed now, and returns it."""
         t_ns = self._clock.now_ns()
-        return self._publisher.say(entry, MARK, {"t_ns": t_ns, **values}, t_ns)
+        about = {"id": str(t_ns), "probe_id": entry.probe.probe_id}
+        told = {**about, **values, "t_ns": t_ns}
+        published = self._publisher.say(entry, MARK, told, t_ns)
+        self.marks.take(told)
+        self._tell_marks(entry)
+        return published
+
+    def recall(self, marks: Iterable[Mapping[str, Any]]) -> None:
+        """Marks of earlier logs, the oldest first."""
+        for mark in marks:
+            self.marks.take({k: v for k, v in mark.items() if k != "probe"})
+        self.announce_marks()
+
+    def announce_marks(self) -> None:
+        """Says all marks again, for sinks that have just been opened."""
+        for entry in self.registry:
+            self._tell_marks(entry)
+
+    def _tell_marks(self, entry: ProbeEntry) -> None:
+        if marks := self.marks.of(entry.probe.probe_id):
+            t_ns = self._clock.now_ns()
+            self._publisher.say(entry, MARKS, {"t_ns": t_ns, "marks": marks}, t_ns)
 
     def handle(self, event: Event, port: ProbePort) -> None:
         if isinstance(event, Received):
@@ -180,6 +203,7 @@ class Intake:
         # Its status first: who sees that it is there may ask for that at once.
         self.reports.publish(entry)
         self._publisher.set_alive(entry, is_alive=True)
+        self._tell_marks(entry)
         self.on_found(entry.name)
 
     def _received(self, event: Received) -> None:

@@ -7,10 +7,11 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from imud.config.settings import Config, ZenohSettings
+from imud.config.settings import Config, LogSettings, ZenohSettings
 from imud.daemon.hub import Hub
 from imud.daemon.lane import Sink
 from imud.daemon.log_state import LOG
@@ -156,8 +157,8 @@ class Outputs:
         if log.enabled:
             settings = _log_settings(config)
             # A log stores the whole configuration, but only these settings change it.
-            of_log = (log, network.prefix, settings.unlogged)
-            wanted[LOG] = Wanted(of_log, lambda: self._logger(log.dir, settings))
+            of_log = log, (network.prefix, settings.unlogged)
+            wanted[LOG] = Wanted(of_log, lambda: self._logger(settings, of_log))
         return wanted
 
     def _page(
@@ -216,8 +217,10 @@ class Outputs:
         text = network.name_of(text) if network is not None else text
         self._on_notice(kind, text, True)
 
-    def _logger(self, directory: str, settings: Settings) -> LogSink:
-        self._log = LogSink(Path(directory), settings)
+    def _logger(self, settings: Settings, of_log: tuple[LogSettings, Any]) -> LogSink:
+        # Where only probes are renamed, the file goes on.
+        before = self._log if self._made_of.get(LOG) == of_log else None
+        self._log = LogSink(Path(of_log[0].dir), settings, before)
         return self._log
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import msgspec
 
+from imud.probes.mark import MARKS
 from imud.probes.record import Record
 
 POSE_IN_FRAME = "pose_in_frame"  # a pose as Foxglove draws it
@@ -17,7 +18,7 @@ _ENCODER = msgspec.json.Encoder()
 
 def topics_of(record: Record, *, has_foxglove: bool = True) -> tuple[str, ...]:
     """The topics of a record: its own, and for a pose that of Foxglove."""
-    if not record.payload:
+    if not record.payload or record.topic == MARKS:
         return ()
     if has_foxglove and record.topic == "pose" and record.values:
         return record.topic, POSE_IN_FRAME

@@ -105,6 +105,10 @@ class Reader:
                 if found is not None:
                     yield found
 
+    def topic_of(self, channel: int) -> str | None:
+        """None: it was in no part that was read."""
+        return self._channels.get(channel, (None, None, None))[2]
+
     def _in_ours(self, topic: str, data: bytes) -> bytes:
         if self._written_in is None or topic not in ("frame", "hello"):
             return data

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from mcap.opcode import Opcode
 
 from imud.errors import FileError
-from imud.log.parts import Damage, channels_of, parts_of, records_of
+from imud.log.parts import Damage, RecordGroup, channels_of, parts_of, records_of
 from imud.log.reader import Logged, LogHead, Reader, legible, opened
 
 # Some 20 GB of ours.
@@ -22,11 +22,14 @@ _TIMES = struct.Struct("<QQ")  # of the first and last message, at a chunk's beg
 
 
 class Span(NamedTuple):
-    """A chunk: its offset, and when its first and last message were received."""
+    """A chunk: its offset, when its first and last message were received, and the
+    channels of its messages, where it has an index.
+    """
 
     at: int
     first_ns: int
     last_ns: int
+    channels: set[int]
 
 
 class SeekableLog:
@@ -44,7 +47,11 @@ class SeekableLog:
                     file.seek(body)
                     times = file.read(_TIMES.size)
                     if len(times) == _TIMES.size:
-                        self.spans.append(Span(at, *_TIMES.unpack(times)))
+                        first_ns, last_ns = _TIMES.unpack(times)
+                        self.spans.append(Span(at, first_ns, last_ns, set()))
+                elif kind == Opcode.MESSAGE_INDEX and self.spans:
+                    file.seek(body)
+                    self.spans[-1].channels.add(int.from_bytes(file.read(2), "little"))
         known = channels_of(path)
         self._reader = Reader(known)
         # Without a summary, channels are known up to where it was read.
@@ -57,6 +64,19 @@ class SeekableLog:
             return 0, 0
         first_ns = min(each.first_ns for each in self.spans)
         return first_ns, max(each.last_ns for each in self.spans)
+
+    def of(self, topic: str) -> Iterator[Logged]:
+        """The messages of a topic, of which few chunks have any."""
+        with opened(self._path) as file, legible(self._path):
+            for span in self.spans:
+                topics = {self._reader.topic_of(each) for each in span.channels}
+                if topics and not topics & {topic, None}:
+                    continue
+                part = next(parts_of(file, self._size, span.at), None)
+                if isinstance(part, RecordGroup):
+                    for found in self._reader.read(part):
+                        if isinstance(found, Logged) and found.topic == topic:
+                            yield found
 
     def read(self, from_ns: int = 0) -> Iterator[LogHead | Logged | Damage]:
         """All messages of the chunks from that UTC on, to the end that it has then."""

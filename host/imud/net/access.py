@@ -19,7 +19,7 @@ from imud.ros2 import topics
 Rule = dict[str, Any]
 
 # The last parts of the keys that a role may read.
-_OF_VIEWER = ("pose", "aim", "stroke", "path", "mark", "status", "params")
+_OF_VIEWER = ("pose", "aim", "stroke", "path", "mark", "marks", "status", "params")
 # To calibrate a probe takes its samples and events.
 _OF_OPERATOR = (*_OF_VIEWER, "event", "command", "raw")
 READS: dict[Role, tuple[str, ...]] = {

@@ -60,7 +60,7 @@ def addresses(name: str, probe_id: str | None) -> list[str]:
 PATIENCE_S = 0.8
 
 # Topics of which late subscribers can query the last payload.
-KEPT = ("status", "params")
+KEPT = ("status", "params", "marks")
 
 # Gets lines for the journal: the kind, the text, whether it is a warning.
 OnNotice = Callable[[object, str, bool], None]
@@ -289,6 +289,7 @@ class ZenohSink:
         served: dict[str, Callable[[str, Any], None]] = {
             "status": lambda of, q: self._queries.tell(probe, of, "status", q),
             "params": lambda of, q: self._queries.tell_params(probe, of, q),
+            "marks": lambda of, q: self._queries.tell(probe, of, "marks", q),
             "cmd/*": lambda of, q: self._queries.take(probe, of, q),
         }
         self._declared[probe] = [

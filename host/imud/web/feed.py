@@ -19,7 +19,8 @@ BODY = "body"  # the state of a limb, in the place of a probe
 
 # Topics that everybody sees, as their last payload; of events every one.
 LATEST = frozenset(
-    {"pose", "status", "params", "clock", "log", "twin", CALIBRATION, UPDATE, BODY}
+    {"pose", "status", "params", "marks", "clock", "log", "twin"}
+    | {CALIBRATION, UPDATE, BODY}
 )
 EVENT = "event"
 # Topics of which everybody gets every payload.

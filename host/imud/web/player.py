@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Plays a log in a process of its own, so that the daemon has no work with it.
 It writes probe, topic and what was published, when they are due; the times at which the
-log begins and ends; and where it is. Each comes after its length, since a log may have
-any bytes in it. On its standard input it reads new speeds, and times to go to.
+log begins and ends, and its marks; and where it is. Each comes after its length, since
+a log may have any bytes in it. On its standard input it reads new speeds, and times to
+go to.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from typing import BinaryIO
 import msgspec
 
 from imud.errors import ImudError, described
+from imud.log.marks import marks_of
 from imud.log.reader import Logged
 from imud.log.seekable import SeekableLog
 from imud.net.access import BODY_STATE
+from imud.probes.mark import MarkBook
 from imud.web.feed import BODY
 
 TOPICS = frozenset(
@@ -110,6 +113,7 @@ class Player:
         log = SeekableLog(path)
         first_ns, last_ns = log.times_ns
         self._say("span", f"{first_ns} {last_ns}")
+        self._say_marks(log)
         from_ns = 0
         while True:
             self._play_from(log, from_ns)
@@ -187,6 +191,16 @@ class Player:
                 self._write(probe, topic, payload)
         self._batch.clear()
         self._say("over" if is_over else "at", f"{self._at_ns} {self._left_out}")
+
+    def _say_marks(self, log: SeekableLog) -> None:
+        """All of them: they say where to go."""
+        book, probes = MarkBook(), set()
+        for mark in marks_of(log):
+            probes.add(mark["probe"])
+            book.take({**mark, "probe_id": mark["probe"]})
+        for probe in probes:
+            told = {"type": "marks", "probe": probe, "marks": book.of(probe)}
+            self._say("marks", msgspec.json.encode(told).decode())
 
     def _say(self, what: str, value: str) -> None:
         self._write("", what, value.encode())

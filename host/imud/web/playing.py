@@ -8,6 +8,8 @@ import contextlib
 from collections import deque
 from pathlib import Path
 
+import msgspec
+
 from imud.web import processes
 from imud.web.browser import Browser
 from imud.web.player import HEAD, SEEK
@@ -95,6 +97,8 @@ class Playing:
     def _receive(self, probe: str, topic: str, payload: bytes) -> None:
         if probe:
             self._browser.put({(probe, topic): deque((payload,))}, is_played=True)
+        elif topic == "marks":
+            self._browser.say(msgspec.json.decode(payload))
         elif topic == "span":
             self._span_ms = [int(each) / 1e6 for each in payload.split()]
         else:

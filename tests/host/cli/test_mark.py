@@ -13,9 +13,28 @@ import pytest
 
 from chain import Chain
 from imud import cli
+from imud.config import reader
+from imud.daemon.hub import Hub
+from imud.daemon.intake import Intake
+from imud.journal.output import Journal
+from imud.log.marks import marks_in
 from imud.params.value import Params
 
 TIP = Params().replaced("tip", {"offset_m": (0.1, 0.0, 0.0), "sigma_m": 0.001})
+
+
+def exported(log: str, folder: Path) -> list[dict[str, str]]:
+    assert cli.main(["export", log, "--out", str(folder)]) == 0
+    (path,) = folder.glob("**/*mark*.csv")
+    with path.open() as file:
+        return [*csv.DictReader(file)]
+
+
+def recalled(log: str, probe_id: str) -> list[dict[str, Any]]:
+    """The marks as another daemon has them that logs into this folder."""
+    intake = Intake(reader.load(None, is_logging=False), Hub(), Journal(1.0, 1))
+    intake.recall(marks_in(Path(log).parent))
+    return intake.marks.of(probe_id)
 
 
 def test_a_value_is_published_logged_and_exported(
@@ -44,21 +63,36 @@ def test_a_value_is_published_logged_and_exported(
     assert mark["position_m"] == pose["position_m"]
     assert mark["t_pose_ns"] == pose["t_ns"]
 
+    change = ["0.43", "--unit", "N", "--id", mark["id"], *network]
+    assert cli.main([*words, *change]) == 0
+    again = json.loads(heard.get())
+    changed = {"value": 0.43, "unit": "N", "state": "corrected", "t_ns": again["t_ns"]}
+    assert again == mark | changed
+    (reply,) = chain.client.session.get(f"imud/{chain.probe.name}/marks")
+    assert json.loads(reply.ok.payload.to_bytes())["marks"][-1]["value"] == 0.43
+
     # A probe that has stopped may have been moved since.
     time.sleep(1.1)  # a pose is too old after 1 s
     assert cli.main([*words, "--note", "too late", *network]) == 0
     assert "no pose at this moment" in capsys.readouterr().out
-    assert json.loads(heard.get())["position_m"] is None
+    late = json.loads(heard.get())
+    assert late["position_m"] is None
+    back = [*words, "--id", late["id"], "--withdraw", *network]
+    assert (cli.main(back), cli.main(back)) == (0, 1)
+    assert f"has no mark {late['id']}" in capsys.readouterr().err
 
     for wrong in (["nan"], ["a"], [], ["1", "--note", "x" * 201]):
         assert cli.main([*words, *wrong, *network]) == 1
         assert "mark needs value=NUMBER or text=TEXT" in capsys.readouterr().err
     chain.daemon.stop()
     log = str(chain.daemon.log)
-    assert cli.main(["export", log, "--out", str(tmp_path / "tables")]) == 0
-    (path,) = (tmp_path / "tables").glob("**/*mark*.csv")
-    with path.open() as file:
-        note, *_, value, _ = csv.DictReader(file)
+    note, *_, value, corrected, _, withdrawn = exported(log, tmp_path / "tables")
+    assert corrected["value"] + corrected["unit"] == "0.43N"
+    assert withdrawn["state"] == "withdrawn"
+    assert (corrected["id"], withdrawn["id"]) == (again["id"], late["id"])
+    assert corrected["position_x_m"] == value["position_x_m"]
+    kept = recalled(log, chain.probe.name)
+    assert (kept[0]["text"], kept[-1]["value"]) == ("no pose yet", 0.43)
     assert (note["value"], note["text"], note["q_w"]) == ("", "no pose yet", "")
     assert value["value"] == "-0.42"
     assert value["text"] == "'=1+1"  # no formula for a spreadsheet

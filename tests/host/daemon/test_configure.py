@@ -11,6 +11,7 @@ from chain import Chain
 from imud.config import reader
 from imud.daemon.configure import configured
 from imud.errors import CommandRefused
+from imud.log.seekable import SeekableLog
 from streaming import until
 
 PROBE_ID = "00112233445566aa"
@@ -56,3 +57,10 @@ def test_a_probe_is_renamed_and_its_log_stopped_meanwhile(chain: Chain) -> None:
     heard = chain.hear("pose")
     chain.port.write(chain.probe.poses(1))
     assert b'"probe":"stylus"' in heard.get()
+    client.command("stylus", "configure", rename="pen")
+    until(lambda: log_of("pen") == "on")
+    chain.daemon.stop()
+    # The log goes on in its file, under every name.
+    last = SeekableLog(max(chain.daemon.logs.glob("*.mcap")))
+    assert [each.probe for each in last.of("pose")] == ["stylus"]
+    assert {each.probe for each in last.of("status")} >= {"stylus", "pen"}

@@ -51,6 +51,23 @@ export function tell(text, isBad = false) {
   setTimeout(() => toast.remove(), TOAST_MS);
 }
 
+/**
+ * Does something and returns what it gives; undefined if it fails, which is told.
+ * @template T
+ * @param {() => Promise<T>} work
+ * @param {string} [about] what it is about
+ * @returns {Promise<T | undefined>}
+ */
+export async function attempt(work, about) {
+  try {
+    return await work();
+  } catch (error) {
+    const why = error instanceof Error ? error.message : String(error);
+    tell(about ? `${about}: ${why}` : why, true);
+    return undefined;
+  }
+}
+
 /** The top of the page. */
 export class Header {
   /**

@@ -4,7 +4,7 @@
 // that lead through a new probe.
 
 import { keep, kept, make, say } from "./dom.js";
-import { tell } from "./header.js";
+import { attempt } from "./header.js";
 import { angleOf, inverse, multiply } from "./rotation.js";
 import { setOrigin } from "./views/controls.js";
 
@@ -215,12 +215,10 @@ export class Lead {
   _button({ text, act, to, isQuiet }) {
     const onclick = async () => {
       button.disabled = true;
-      try {
+      await attempt(async () => {
         await act?.();
         location.hash = to ? `#/${to}` : location.hash;
-      } catch (error) {
-        tell(error instanceof Error ? error.message : String(error), true);
-      }
+      });
       button.disabled = false;
       this._portsMs = -Infinity;
     };

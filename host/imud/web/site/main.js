@@ -156,7 +156,7 @@ class Page {
       this.guarded(() => this.view?.adapt?.(hz));
       this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
     }
-    const every = [...(this.view?.every ?? []), "stroke", "path", "mark"];
+    const every = [...(this.view?.every ?? []), "stroke", "path"];
     const more = this.view?.more ?? [];
     const { selected } = this.model;
     const hz = Math.min(rate.hz, this.view?.hz ?? rate.hz);

@@ -5,18 +5,41 @@
 /** @typedef {import("./link.js").Line} Line */
 /** @typedef {import("./model.js").Model} Model */
 
-const KEPT_MAX = 100;
+/**
+ * When it was made, UTC in ms.
+ * @param {Line} mark
+ */
+export function timeOf({ id }) {
+  return Number(id) / 1e6;
+}
 
-/** The marks that came since the page was opened, by probe. */
+/**
+ * When its pose was measured, UTC in ms: where it is among other poses.
+ * @param {Line} mark
+ */
+export function momentOf({ id, t_pose_ns: poseNs }) {
+  return Number(poseNs ?? id) / 1e6;
+}
+
+/** @param {Line} mark */
+export function wordsOf({ value, unit, text }) {
+  return [value, value === null ? "" : unit, text].filter((each) => each || each === 0).join(" ");
+}
+
+/** @type {readonly Line[]} */
+const NONE = [];
+
+/** The marks of each probe, as they are now: live, or in the log that is played. */
 export class Marks {
   /** @param {Model} model */
   constructor(model) {
-    /** @type {Map<string, Line[]>} */
+    /** @type {Map<string, readonly Line[]>} */
     this._all = new Map();
+    this.momentMs = NaN; // that Signals are to show
     model.addEventListener("probe", (event) => {
       const line = /** @type {CustomEvent<Line>} */ (event).detail;
-      if (line.type === "mark") {
-        this._all.set(line.probe, [...this.of(line.probe), line].slice(-KEPT_MAX));
+      if (line.type === "marks") {
+        this._all.set(line.probe, line.marks);
       }
     });
     model.addEventListener("reset", () => this._all.clear());
@@ -24,9 +47,9 @@ export class Marks {
 
   /**
    * @param {string} probe
-   * @returns {readonly Line[]}
+   * @returns {readonly Line[]} the oldest first
    */
   of(probe) {
-    return this._all.get(probe) ?? [];
+    return this._all.get(probe) ?? NONE;
   }
 }

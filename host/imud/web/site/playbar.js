@@ -4,6 +4,7 @@
 
 import { make, mark, say } from "./dom.js";
 import { span } from "./format.js";
+import { timeOf, wordsOf } from "./marks.js";
 
 /** @typedef {import("./model.js").Model} Model */
 
@@ -32,6 +33,8 @@ export class PlayBar {
         this._wantedMs = Number(this._slider.value);
       },
     });
+    this._flags = make("div", { class: "marked" });
+    this._flagged = "";
     const options = SPEEDS.map((speed) => make("option", { value: speed }, `${speed} times`));
     this._speed = make("select", { "aria-label": "Speed", onchange: () => this._tell() }, ...options);
     const live = make("button", { class: "primary", onclick: () => model.link.live() }, "Back to live");
@@ -39,7 +42,7 @@ export class PlayBar {
       "div",
       { class: "playbar", hidden: true },
       make("span", {}, "Log ", this._name),
-      this._slider,
+      make("div", { class: "flagged" }, this._slider, this._flags),
       this._where,
       this._pause,
       this._speed,
@@ -81,6 +84,7 @@ export class PlayBar {
       mark(this._slider, "max", String(Math.max(played.last_ms, played.t_ms)));
       this._slider.value = String(played.t_ms);
     }
+    this._flag();
     const time = played ? new Date(played.t_ms).toLocaleString() : "opening";
     const since = played ? `, ${span((played.t_ms - played.first_ms) / 1000)} in` : "";
     const left = played?.left_out ? `, ${played.left_out} unreadable messages left out` : "";
@@ -89,6 +93,24 @@ export class PlayBar {
     say(this._where, where);
     mark(this._slider, "aria-valuetext", where);
     say(this._pause, this._isPaused ? "Continue" : "Pause");
+  }
+
+  /** A flag at each mark, which goes there. */
+  _flag() {
+    const { played, marks, selected, link } = this._model;
+    const [firstMs, lastMs] = [played?.first_ms ?? 0, played?.last_ms ?? 0];
+    const all = marks.of(selected).filter((one) => timeOf(one) >= firstMs && timeOf(one) <= lastMs);
+    const flagged = `${firstMs} ${lastMs} ${all.map(({ id }) => id)}`;
+    if (flagged !== this._flagged) {
+      this._flagged = flagged;
+      const flags = all.map((one) => {
+        const label = `Mark ${wordsOf(one)}`;
+        const flag = make("button", { "aria-label": label, title: label, onclick: () => link.seek(timeOf(one)) }, "⚑");
+        flag.style.left = `${(100 * (timeOf(one) - firstMs)) / (lastMs - firstMs || 1)}%`;
+        return flag;
+      });
+      this._flags.replaceChildren(...flags);
+    }
   }
 
   _show() {

@@ -4,7 +4,7 @@
 
 import { make, save } from "../dom.js";
 import { fixed } from "../format.js";
-import { tell } from "../header.js";
+import { attempt, tell } from "../header.js";
 import { toAngles } from "../rotation.js";
 import { allowSound } from "../sound.js";
 
@@ -112,16 +112,14 @@ export class List {
     if (file === undefined) {
       return;
     }
-    try {
+    await attempt(async () => {
       if (file.size > FILE_MAX) {
         throw new Error("the file is too long for a list of targets");
       }
       const count = this._targets.load(await file.text(), this._convention);
       this.show(this._chosen);
       tell(`${count} ${count === 1 ? "target" : "targets"} loaded`);
-    } catch (error) {
-      tell(`${file.name}: ${error instanceof Error ? error.message : error}`, true);
-    }
+    }, file.name);
     input.value = "";
   }
 }

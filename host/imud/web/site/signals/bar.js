@@ -58,7 +58,7 @@ export class Bar {
   show(isLive, back) {
     say(this._play, isLive ? "Pause" : "Live");
     mark(this._play, "class", isLive ? "" : "primary");
-    say(this._where, isLive ? "live" : `${span(back)} back`);
+    say(this._where, isLive ? "live" : `${span(Math.max(0, back))} back`);
     if (isLive) {
       this._slider.value = String(STEPS);
     }

@@ -5,6 +5,7 @@
 import uPlot from "../vendor/uplot/uPlot.esm.min.js";
 import { make, say } from "../dom.js";
 import { fixed } from "../format.js";
+import { momentOf, wordsOf } from "../marks.js";
 import { reduce } from "./reduce.js";
 
 /** @typedef {import("./plots.js").Plot} Plot */
@@ -13,6 +14,7 @@ import { reduce } from "./reduce.js";
 
 const LEAST_RANGE = 0.2; // of the y axis: noise of a probe at rest does not fill it
 const FONT = "12px system-ui, sans-serif";
+const FLAG_ROWS = 3; // of flags that are near each other
 const TIME_SPACE = 84; // pixels between two times below the plot
 
 /** @param {string} name */
@@ -96,6 +98,8 @@ export class Chart {
       this._canvas,
     );
     this._onZoom = onZoom;
+    /** @type {readonly import("../link.js").Line[]} */
+    this._marks = [];
     /** @type {uPlot | null} */
     this._plot = null;
     this._canvas.addEventListener("dblclick", onLive);
@@ -106,8 +110,10 @@ export class Chart {
   /**
    * Draws the rows of a window.
    * @param {Window} window
+   * @param {readonly import("../link.js").Line[]} [marks]
    */
-  draw({ from, to }) {
+  draw({ from, to }, marks = []) {
+    this._marks = marks;
     const plot = this._plot;
     if (plot === null) {
       return;
@@ -204,7 +210,7 @@ export class Chart {
         { ...axis, size: 52 },
       ],
       series: [{}, ...this.plot.series.map((one) => this._series(one))],
-      hooks: { setSelect: [(plot) => this._select(plot)] },
+      hooks: { setSelect: [(plot) => this._select(plot)], draw: [(plot) => this._flag(plot)] },
     };
     return options;
   }
@@ -229,6 +235,28 @@ export class Chart {
     high += this.plot.isFromZero ? missing : missing / 2;
     const margin = 0.06 * (high - low);
     return [this.plot.isFromZero ? low : low - margin, high + margin];
+  }
+
+  /**
+   * A flag with its words at each mark.
+   * @param {uPlot} plot
+   */
+  _flag({ ctx, bbox, scales, valToPos }) {
+    const { min = 0, max = 0 } = scales.x;
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = css("accent");
+    ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    ctx.textAlign = "left";
+    for (const [index, one] of this._marks.entries()) {
+      const seconds = momentOf(one) / 1000;
+      if (seconds >= min && seconds <= max) {
+        const x = valToPos(seconds, "x", true);
+        ctx.strokeRect(x, bbox.top, 0, bbox.height);
+        const row = (index % FLAG_ROWS) + 1;
+        ctx.fillText(`⚑ ${wordsOf(one).slice(0, 24)}`, x + 3, bbox.top + 13 * row * devicePixelRatio);
+      }
+    }
+    ctx.restore();
   }
 
   /** @param {uPlot} plot */

@@ -4,7 +4,7 @@
 
 import { keep, kept, make, mark } from "../dom.js";
 import { span } from "../format.js";
-import { tell } from "../header.js";
+import { attempt, tell } from "../header.js";
 import { Form } from "../aim/form.js";
 import { Hold } from "../aim/hold.js";
 import { List } from "../aim/list.js";
@@ -172,14 +172,11 @@ export class AimView {
     let { q } = probe.pose;
     let capture = "";
     if (mayCommand) {
-      try {
-        const { value } = await link.ask(selected, "capture");
-        ({ q } = value);
-        capture = value.capture ?? "";
-      } catch (error) {
-        tell(error instanceof Error ? error.message : String(error), true);
+      const answer = await attempt(() => link.ask(selected, "capture"));
+      if (answer === undefined) {
         return;
       }
+      ({ q, capture = "" } = answer.value);
     }
     this._add(this._form.captured(q, capture));
   }

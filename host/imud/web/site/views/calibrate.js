@@ -4,7 +4,7 @@
 // activates the result.
 
 import { make } from "../dom.js";
-import { tell } from "../header.js";
+import { attempt, tell } from "../header.js";
 import { Cloud } from "../calibrate/cloud.js";
 import { Ghost } from "../calibrate/ghost.js";
 import { Cover } from "../calibrate/cover.js";
@@ -139,11 +139,7 @@ export class CalibrateView {
     if (kind in { all: 1, mag: 1 }) {
       this._cloud.clear();
     }
-    try {
-      await link.calibrate(selected, kind);
-    } catch (error) {
-      tell(error instanceof Error ? error.message : String(error), true);
-    }
+    await attempt(() => link.calibrate(selected, kind));
   }
 
   /** @param {"outcome" | "before"} which params to activate */
@@ -154,12 +150,10 @@ export class CalibrateView {
     if (records === undefined) {
       return;
     }
-    try {
+    await attempt(async () => {
       await link.ask(selected, "params", { records });
       tell(which === "outcome" ? "The calibration is active" : "The previous params are active again");
-    } catch (error) {
-      tell(error instanceof Error ? error.message : String(error), true);
-    }
+    });
   }
 
   _makeScene() {

@@ -4,7 +4,7 @@
 
 import { alarmChoice } from "../alarm.js";
 import { make, mark, say } from "../dom.js";
-import { tell } from "../header.js";
+import { attempt, tell } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
 
@@ -19,14 +19,12 @@ export async function run(model, what, commands) {
   if (!probe || !model.mayCommand) {
     return;
   }
-  try {
+  await attempt(async () => {
     for (const [command, parameters] of commands) {
       await model.link.ask(probe, command, parameters);
     }
     tell(`${what}: done`);
-  } catch (error) {
-    tell(`${what}: ${error instanceof Error ? error.message : error}`, true);
-  }
+  }, what);
 }
 
 /**

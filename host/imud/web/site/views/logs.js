@@ -4,7 +4,7 @@
 
 import { make, say, save } from "../dom.js";
 import { fixed } from "../format.js";
-import { tell } from "../header.js";
+import { attempt } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {{ element: HTMLElement, about: HTMLElement }} Row */
@@ -78,15 +78,13 @@ export class LogList {
   /** @param {string} name */
   async _play(name) {
     const { link, page, played } = this._model;
-    try {
+    await attempt(async () => {
       await link.play(name, 1);
       if (page.playing === name && played) {
         await link.seek(played.first_ms);
       }
       location.hash = "#/probe";
-    } catch (error) {
-      tell(`${name}: ${error instanceof Error ? error.message : error}`, true);
-    }
+    }, name);
   }
 
   /**
@@ -121,11 +119,12 @@ export class LogList {
    */
   async _load(about, button, find) {
     const { link } = this._model;
+    /** @type {Uint8Array<ArrayBuffer>[]} */
     const parts = [];
     const label = button.textContent ?? "";
     let offset = 0;
     button.disabled = true;
-    try {
+    await attempt(async () => {
       const { name, bytes: end } = await find();
       do {
         const part = await link.read(name, offset);
@@ -137,9 +136,7 @@ export class LogList {
         say(button, `${fixed(Math.min(offset, end) / 1e6, 1)} of ${fixed(end / 1e6, 1)} MB`);
       } while (offset < end);
       save(name, new Blob(parts));
-    } catch (error) {
-      tell(`${about}: ${error instanceof Error ? error.message : error}`, true);
-    }
+    }, about);
     button.disabled = false;
     say(button, label);
   }

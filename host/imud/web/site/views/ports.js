@@ -3,7 +3,7 @@
 // The serial ports of the daemon's machine: which it opens, and which are left to others.
 
 import { make, say } from "../dom.js";
-import { tell } from "../header.js";
+import { attempt } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {{ port: string, kind: string, standing: string, is_opened: boolean, held_by: string[] }} Port */
@@ -97,11 +97,7 @@ export class PortList {
    */
   async _change(name, button) {
     button.disabled = true;
-    try {
-      await this._model.link.adopt(name, button.dataset.ours === "true");
-    } catch (error) {
-      tell(error instanceof Error ? error.message : String(error), true);
-    }
+    await attempt(() => this._model.link.adopt(name, button.dataset.ours === "true"));
     button.disabled = false;
     this._askedMs = -Infinity;
   }

@@ -4,7 +4,7 @@
 
 import { keep, kept, make, mark, save } from "../dom.js";
 import { decimalsOf } from "../format.js";
-import { tell } from "../header.js";
+import { attempt } from "../header.js";
 import { errorsOf } from "../model.js";
 import { Bar, SPANS } from "../signals/bar.js";
 import { Chart } from "../signals/chart.js";
@@ -133,11 +133,17 @@ export class SignalsView {
     this._drawnMs = nowMs;
     const { pose, raw } = this._recorder;
     const last = Math.max(pose.last || 0, raw.last || 0);
+    const { marks, selected } = this._model;
+    if (!Number.isNaN(marks.momentMs)) {
+      this._isLive = false;
+      this._end = marks.momentMs / 1000 + this._span / 2;
+      marks.momentMs = NaN;
+    }
     if (this._isLive && last > 0) {
       this._end = last;
     }
     for (const chart of this._charts.values()) {
-      chart.draw(this.window);
+      chart.draw(this.window, marks.of(selected));
     }
     this._bar.show(this._isLive, last - this._end);
     this._notices();
@@ -272,12 +278,10 @@ export class SignalsView {
   async _sendRaw() {
     const { selected, link, probe } = this._model;
     const hz = String(probe?.status?.hello?.pose_rate ?? 100);
-    try {
+    await attempt(async () => {
       await link.ask(selected, "rate", { stream: "raw", hz });
       await link.ask(selected, "fields", { streams: "pose,raw" });
-    } catch (error) {
-      tell(error instanceof Error ? error.message : String(error), true);
-    }
+    });
   }
 
   _fileName() {

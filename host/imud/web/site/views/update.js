@@ -3,7 +3,7 @@
 // New firmware for a probe: that there is some, a button, and how the writing does.
 
 import { make, mark, say } from "../dom.js";
-import { tell } from "../header.js";
+import { attempt } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {import("../model.js").Probe} Probe */
@@ -113,10 +113,6 @@ export class UpdateBox {
 
   async _begin() {
     this._button.disabled = true;
-    try {
-      await this._model.link.update(this._name);
-    } catch (error) {
-      tell(error instanceof Error ? error.message : String(error), true);
-    }
+    await attempt(() => this._model.link.update(this._name));
   }
 }
