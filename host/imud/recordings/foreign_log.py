@@ -54,6 +54,7 @@ class Imported:
     left_out: int  # rows that lack a number, or go back in time
     why: str  # about the first of them
     texts: tuple[str, ...]  # columns without numbers
+    began_s: float | None  # UTC of the first sample, if it is known
 
     @property
     def has_mag(self) -> bool:
@@ -116,9 +117,11 @@ def read(path: Path, told: ForeignMap | None = None) -> Imported:
         raise FileError(
             f"{path}: {is_whole.sum()} samples are too few" + f"; {why}" * bool(why)
         )
-    t_us = np.rint(1e6 * (t_s[is_whole] - t_s[is_whole][0])).astype(np.int64) + FIRST_US
+    first_s = float(t_s[is_whole][0])
+    t_us = np.rint(1e6 * (t_s[is_whole] - first_s)).astype(np.int64) + FIRST_US
+    began_s = None if told.began_s is None else told.began_s + first_s
     vectors = acc[is_whole], gyr[is_whole], mag[is_whole]
-    return Imported(t_us, *vectors, told, left_out, why, table.texts)
+    return Imported(t_us, *vectors, told, left_out, why, table.texts, began_s)
 
 
 def _fresh(mag: FloatArray) -> FloatArray:
@@ -235,7 +238,9 @@ def write(found: Imported, source: Path, log: Path) -> str:
         digest.update(rows.tobytes())
     probe_id = digest.digest()[:8]
     probe = probe_in_file(first_hello(_said(found, probe_id)), Probe)
-    if not write_capture(_said(found, probe_id), probe, log):
+    started_ns = round(1e6 * (found.began_s or 0.0)) * 1000
+    started_ns -= FIRST_US * 1000 * bool(started_ns)
+    if not write_capture(_said(found, probe_id), probe, log, started_ns):
         raise FileError(f"{source}: no rows could be written")
     return probe_id.hex()
 

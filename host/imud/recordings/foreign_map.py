@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from imud.errors import FileError
 from imud.gravity import GRAVITY_M_S2
 from imud.recordings.foreign_table import words
 from imud.recordings.foreign_text import ForeignTable
-from imud.recordings.foreign_times import SHARED_MAX, straightened
+from imud.recordings.foreign_times import SHARED_MAX, UTC_S, straightened
 from imud.rotation import FloatArray
 
 SENSORS = ("acc", "gyr", "mag")
@@ -84,6 +85,7 @@ class ForeignMap:
     topics: tuple[str, ...] = ()  # of a bag that are read; empty: any
     named: dict[str, str] = field(default_factory=dict)  # units, in words
     note: str = ""  # on the times
+    began_s: float | None = None  # UTC of the first time, if it is one
     guessed: set[str] = field(default_factory=set)
 
     def lines(self) -> Iterator[str]:
@@ -159,7 +161,7 @@ def completed(table: ForeignTable, told: ForeignMap) -> FloatArray:
         named = {"acc": "m/s2", "gyr": "rad/s", "mag": "T", "time": "s"}
         told.named = named | told.named
     _find_time(table, told)
-    t_s, told.note = _times_s(table, told)
+    t_s = _times_s(table, told)
     _find_acc(table, told)
     if "acc" not in given:
         _check_gravity(table, told)
@@ -376,14 +378,21 @@ def _find_gyr(table: ForeignTable, told: ForeignMap, t_s: FloatArray) -> None:
     )
 
 
-def _times_s(table: ForeignTable, told: ForeignMap) -> tuple[FloatArray, str]:
+def _times_s(table: ForeignTable, told: ForeignMap) -> FloatArray:
+    """Of rows, from the first one; notes what they are."""
     if told.rate_hz is not None:
-        return np.arange(len(table)) / told.rate_hz, ""
+        return np.arange(len(table)) / told.rate_hz
     name, *rest = told.columns["time"]
     values = table.columns[name]
     if rest:
-        values = values - values[0] + 1e-9 * table.columns[rest[0]]
-    return straightened(name, values, told.units["time"])
+        values = values + 1e-9 * table.columns[rest[0]]
+    t_s, told.note = straightened(name, values, told.units["time"])
+    first_s = told.units["time"] * float(values[np.isfinite(values)][0])
+    if UTC_S[0] <= first_s < UTC_S[1]:
+        told.began_s = first_s
+        began = datetime.fromtimestamp(first_s, UTC)
+        told.note += f"{', ' * bool(told.note)}from {began:%Y-%m-%d %H:%M:%S} UTC"
+    return t_s
 
 
 def seen_turning(acc: FloatArray, gyr: FloatArray, t_s: FloatArray) -> float | None:

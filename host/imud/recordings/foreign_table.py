@@ -181,7 +181,8 @@ def _flat(
     for name, values in arrays.items():
         array = np.atleast_1d(values)
         if array.dtype.kind in "mM" and array.shape == (rows,):
-            array = (array - array[0]) / np.timedelta64(1, "s")
+            since = np.array(0, array.dtype)  # 1970, or no duration
+            array = (array - since) / np.timedelta64(1, "s")
             clocks.add(name)
         if array.dtype.kind not in "fiu":
             continue

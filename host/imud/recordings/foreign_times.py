@@ -19,6 +19,7 @@ WRAP_STEPS = 20  # usual steps that may lie across a wrap
 LATE_ROWS = 3  # behind an earlier row, before the clock counts as set back
 SHARED_MAX = 0.05  # of rows with the time of the row before
 PAUSE_MAX_S = 30 * 86400.0
+UTC_S = (946_684_800.0, 4_102_444_800.0)  # 2000 to 2100; others count from a start
 
 
 def straightened(

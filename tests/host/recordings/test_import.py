@@ -5,6 +5,7 @@ comes of it is a log like any other.
 
 from __future__ import annotations
 
+import csv
 import gzip
 import json
 import re
@@ -515,6 +516,39 @@ def test_a_spike_is_clipped_and_a_pause_keeps_its_length(
     assert len(raw) == 3000
     assert [at for at, each in enumerate(raw) if each["flags"]] == [999]
     assert raw[-1]["t_device_us"] == 1000 + 29_990_000 + 5_000_000_000
+
+
+def clock(ms: int) -> str:
+    return f"2026-03-04 23:59:59.{ms:03d}"
+
+
+BEGAN_MS = 1_772_661_599_000  # 2026-03-04 21:59:59 UTC
+
+
+@pytest.mark.parametrize("form", ["zone", "half an hour", "none", "ms", "clock", "s"])
+def test_utc_is_kept_into_a_table_and_never_invented(form: str, tmp_path: Path) -> None:
+    """To the millisecond, 5 ms a row."""
+    at_ms = [5 * row for row in range(40)]
+    cells = {
+        "zone": [f"{clock(ms)}+02:00" for ms in at_ms],
+        "half an hour": [f"{clock(ms)} -0330" for ms in at_ms],
+        "none": [f"{clock(ms)}".replace(" ", "T") for ms in at_ms],
+        "ms": [str(BEGAN_MS + ms) for ms in at_ms],
+        "clock": [clock(ms).split()[1] for ms in at_ms],
+        "s": [f"{ms / 1000 + 1e4:.3f}" for ms in at_ms],
+    }[form]
+    names = ["time", *named("acc_{}_g", "gyr_{}_rad_s")]
+    rows = [f"{cell},0,0.0{row % 7},1,0,0,0" for row, cell in enumerate(cells)]
+    path = tmp_path / "a.csv"
+    path.write_text(lines(",".join(names), *rows))
+    assert cli.main(["import", str(path)]) == 0
+    assert cli.main(["export", str(tmp_path / "a.mcap"), "--out", str(tmp_path)]) == 0
+    (table,) = tmp_path.glob("a-*-raw.csv")
+    with table.open() as file:
+        found = [row["time_utc"] for row in csv.DictReader(file)]
+    hour = {"zone": "04T21:59:59", "half an hour": "05T03:29:59", "ms": "04T21:59:59"}
+    began = {"none": "04T23:59:59", **hour}.get(form)
+    assert found == [(began and f"2026-03-{began}.{ms:03d}000Z") or "" for ms in at_ms]
 
 
 @pytest.mark.parametrize(
