@@ -36,6 +36,8 @@ from imud.probes.timeline import Timeline, host_ns
 from imud.stages import COMPUTED
 from imud.stages.factory import stages_of
 
+Values = Mapping[str, Any]
+
 SHORT = 60  # characters of a parameter in what is told of a command
 
 
@@ -65,6 +67,18 @@ class Intake:
         self._read_ns = host_ns()  # when the last bytes came, of whichever probe
         self.on_reply: Callable[[ProbeEntry, Received], None] = lambda *_: None
         self.on_found: Callable[[str], None] = lambda _: None
+        # What a message of each name changes here, beside being published.
+        self._takers: dict[str, Callable[[ProbeEntry, Received, Values], None]] = {
+            "pose": self._pose,
+            "raw": self._raw,
+            "status": self._status,
+            "equipment": self._equipment,
+            "event": self._event,
+            "reply": self._reply,
+            "hello": self._hello,
+            "self_test": self._self_test,
+            "params": self._params,
+        }
 
     @property
     def timeline(self) -> Timeline:
@@ -230,30 +244,45 @@ class Intake:
         self._publisher.put(entry, record)
         if probe.clock.refits != entry.refits:
             self._follow_clock(entry)
-        if message.name == "pose" and not is_replaced:
-            entry.poses += 1
-            entry.take_pose(record.values)
-        elif message.name == "raw":
-            entry.take_temperature(record.values["temperature_c"])
-        elif message.name == "status":
-            entry.counters = dict(message.fields)
-            warmth = message.fields["temperature"]
-            entry.take_temperature(warmth if isinstance(warmth, float) else None)
-            entry.counters_sequence = message.sequence
-            follow_status(entry)
-        elif message.name == "equipment":
-            entry.equipment = equipment_of(message.fields)
-        elif message.name == "event":
-            follow_event(entry, message)
-            self._lines.event(entry, message)
-        elif message.name == "reply":
-            self.on_reply(entry, event)
-        elif message.name == "hello":
-            self._lines.described(entry, message)
-        if message.name in ("hello", "self_test"):
-            self._lines.sensors(entry, sensor_findings(entry))
-        if message.name in ("hello", "params"):
-            self.params.follow(entry, self._clock.now_ns())
+        take = self._takers.get(message.name)
+        if take is not None and not is_replaced:
+            take(entry, event, record.values)
         if not entry.is_alive:
             self._publisher.set_alive(entry, is_alive=True)
         self.stages.on_message(entry, event)
+
+    def _pose(self, entry: ProbeEntry, _: Received, values: Values) -> None:
+        entry.poses += 1
+        entry.take_pose(values)
+
+    def _raw(self, entry: ProbeEntry, _: Received, values: Values) -> None:
+        entry.take_temperature(values["temperature_c"])
+
+    def _status(self, entry: ProbeEntry, event: Received, _: Values) -> None:
+        fields = event.message.fields
+        entry.counters = dict(fields)
+        warmth = fields["temperature"]
+        entry.take_temperature(warmth if isinstance(warmth, float) else None)
+        entry.counters_sequence = event.message.sequence
+        follow_status(entry)
+
+    def _equipment(self, entry: ProbeEntry, event: Received, _: Values) -> None:
+        entry.equipment = equipment_of(event.message.fields)
+
+    def _event(self, entry: ProbeEntry, event: Received, _: Values) -> None:
+        follow_event(entry, event.message)
+        self._lines.event(entry, event.message)
+
+    def _reply(self, entry: ProbeEntry, event: Received, _: Values) -> None:
+        self.on_reply(entry, event)
+
+    def _hello(self, entry: ProbeEntry, event: Received, values: Values) -> None:
+        self._lines.described(entry, event.message)
+        self._self_test(entry, event, values)
+        self._params(entry, event, values)
+
+    def _self_test(self, entry: ProbeEntry, _: Received, __: Values) -> None:
+        self._lines.sensors(entry, sensor_findings(entry))
+
+    def _params(self, entry: ProbeEntry, _: Received, __: Values) -> None:
+        self.params.follow(entry, self._clock.now_ns())
