@@ -49,9 +49,10 @@ def _alike(field: Field, number: int) -> Any:
     return number if count == 1 else [number] * count
 
 
-def _range(field: Field) -> tuple[int, int]:
-    bits = 8 * struct.calcsize(CODES[field["type"]])
-    is_signed = field["type"].startswith("i")
+def range_of(kind: str) -> tuple[int, int]:
+    """The least and the greatest number of a type."""
+    bits = 8 * struct.calcsize(CODES[kind])
+    is_signed = kind.startswith("i")
     return (
         (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)
     )
@@ -70,7 +71,7 @@ def _bound(field: Field, groups: Any, typical: Vector, end: int) -> Any:
         return sorted(groups["enum"][field["enum"]].values())[end]
     if "flags" in field:
         return (0, _all_flags(field, groups))[end]
-    number = _range(field)[end]
+    number = range_of(field["type"])[end]
     if number == field.get("null"):
         number += (1, -1)[end]
     return _alike(field, number)
@@ -86,7 +87,7 @@ def _impossible(
     """Values that fit their field and that the schema excludes."""
     for field in fields:
         name = field["name"]
-        highest = _range(field)[1] if field["type"] in CODES else 0
+        highest = range_of(field["type"])[1] if field["type"] in CODES else 0
         if name in UNIT_VECTORS:
             yield name, _alike(field, highest)
         if "enum" in field or (

@@ -17,6 +17,7 @@ from imud.wire import frame, messages, schema
 from imud.wire.params import ParamsParts
 from length import choose, examples
 from protocol import wire
+from protocol.derived import range_of
 from protocol.wire import VECTORS, unhex
 
 pytestmark = pytest.mark.sampled(2)
@@ -24,14 +25,6 @@ pytestmark = pytest.mark.sampled(2)
 # Where hello's fingerprint lies; of its own schema's hello the host is strict.
 FINGERPRINT = slice(12, 16)
 
-RANGES = {
-    "u8": (0, 2**8 - 1),
-    "i8": (-(2**7), 2**7 - 1),
-    "u16": (0, 2**16 - 1),
-    "i16": (-(2**15), 2**15 - 1),
-    "u32": (0, 2**32 - 1),
-    "i32": (-(2**31), 2**31 - 1),
-}
 WIDE = {"u16": 2, "i16": 2, "u32": 4, "i32": 4}  # bytes a value, 1 for all others
 UNIT_LENGTH = {"q": 2**30, "normal": 2**14}
 
@@ -62,7 +55,7 @@ def wire_values(field: schema.Field) -> st.SearchStrategy[Any]:
     if field.name in UNIT_LENGTH:
         values = unit_vectors(field.count, UNIT_LENGTH[field.name])
     else:
-        one = st.integers(*RANGES[field.type]).filter(lambda n: n != field.null)
+        one = st.integers(*range_of(field.type)).filter(lambda n: n != field.null)
         if field.count == 1:
             return one if field.null is None else one | st.just(field.null)
         values = st.lists(one, min_size=field.count, max_size=field.count)

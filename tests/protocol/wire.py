@@ -20,8 +20,9 @@ def _read(name: str) -> dict[str, Any]:
 
 # Those that are worked out by hand, and what follows from them.
 BY_HAND: dict[str, list[dict[str, Any]]] = _read("vectors.toml")
+SCHEMA = _read("schema.toml")
 VECTORS = BY_HAND | {
-    "good": BY_HAND["good"] + [*derived.good(BY_HAND["good"], _read("schema.toml"))],
+    "good": BY_HAND["good"] + [*derived.good(BY_HAND["good"], SCHEMA)],
     "skew": [*derived.skewed(BY_HAND["good"])],
 }
 
@@ -46,11 +47,7 @@ RESULTS = {
 }
 IDS = {
     name: getattr(lib, f"MESSAGE_{name.upper()}")
-    for name in (
-        *("hello", "raw", "pose", "event"),
-        *("status", "equipment", "params", "stroke", "self_test"),
-        *("command", "reply"),
-    )
+    for name in (message["name"] for message in SCHEMA["message"])
 }
 
 # Guard bytes after a buffer, which the C must not touch.

@@ -14,11 +14,9 @@ from pyarrow import parquet
 from fakes import FakeProbe
 from imud import cli, rotation
 from imud.body import chain, posture, session
-from imud.log.schemas import JSON_SCHEMAS
-from imud.probes.record import HEAD, Record, Stamp, record_of
+from imud.probes.record import Record, Stamp, record_of
 from imud.probes.scales import UNKNOWN
 from imud.recordings.body_export import WRITERS
-from imud.recordings.export import COLUMNS
 from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.wire.messages import Message, decode
@@ -114,11 +112,3 @@ def test_segments_are_on_one_side_over_gaps(tmp_path: Path) -> None:
             np.testing.assert_array_equal(np.isnan(quat), np.isnan(wanted))
         is_there = np.isfinite(wanted[:, 0])
         same(flat[is_there], wanted[is_there])
-
-
-@pytest.mark.parametrize("topic", ["pose", "raw", "event", "stroke"])
-def test_no_key_of_a_message_is_left_out_of_its_table(topic: str) -> None:
-    # The file's name has these.
-    wanted = {*HEAD, *JSON_SCHEMAS[topic]["properties"]} - {"type", "probe"}
-    wanted |= {"time_utc", "angles_deg"} if topic == "pose" else {"time_utc"}
-    assert {key.split(".")[0] for key in COLUMNS[topic]} == wanted
