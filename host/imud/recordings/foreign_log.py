@@ -38,6 +38,7 @@ HELLO_S = 1.0
 FIRST_US = 1000  # of the first row
 PAUSE_US = 1_800_000_000  # without a message
 REPEATED_MIN = 0.2  # a share of readings alike that no noise makes
+BESIDE, OFTEN = 8, 5  # values below an extreme, and how many times as often it comes
 SAMPLES_MIN = 20
 LEFT_OUT_MAX = 0.05  # a share of rows
 
@@ -173,7 +174,17 @@ def _counts(rows: FloatArray, lsb: float) -> FloatArray:
 
 
 def _is_clipped(rows: FloatArray, lsb: float) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    return np.asarray((np.abs(_counts(rows, lsb)) > COUNTS_MAX).any(axis=1))
+    """Beyond all counts, or where the sensor was: at an extreme that comes far more
+    often than the values next to it.
+    """
+    is_it = np.asarray((np.abs(_counts(rows, lsb)) > COUNTS_MAX).any(axis=1))
+    for column in (*rows.T, *-rows.T):
+        values, counts = np.unique(column[np.isfinite(column)], return_counts=True)
+        nearby = counts[-1 - BESIDE : -1]
+        is_there = len(nearby) == BESIDE and values[-1] > 0.0  # at rest some say 0
+        if is_there and counts[-1] >= OFTEN * nearby.max():
+            is_it |= column == values[-1]
+    return is_it
 
 
 def _triple(counts: FloatArray) -> tuple[int, int, int] | None:

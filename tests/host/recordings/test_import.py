@@ -12,7 +12,7 @@ import re
 import struct
 import zipfile
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from imud import cli
 from imud.errors import FileError
+from imud.probes.first_hello import probe_of
+from imud.probes.session import Received, Session
 from imud.recordings import foreign_log, foreign_text, motions
 from imud.recordings.foreign_map import ForeignMap, unit_of
 from imud.rotation import FloatArray
@@ -516,6 +518,31 @@ def test_a_spike_is_clipped_and_a_pause_keeps_its_length(
     assert len(raw) == 3000
     assert [at for at, each in enumerate(raw) if each["flags"]] == [999]
     assert raw[-1]["t_device_us"] == 1000 + 29_990_000 + 5_000_000_000
+
+
+@pytest.mark.parametrize("limit", [1.7, -0.9, None])
+def test_a_sensor_that_stands_at_its_limit_is_flagged(
+    limit: float | None, tmp_path: Path
+) -> None:
+    path = motion_with(tmp_path / "a.csv", EVEN)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    rows[:, 4] += np.random.default_rng(3).normal(0.0, 0.01, len(rows))
+    rows[:, 4] -= 0.95 * (limit is not None and limit < 0.0)
+    beyond = np.zeros(len(rows), bool)
+    if limit is not None:
+        beyond = rows[:, 4] * np.sign(limit) > abs(limit)
+        rows[beyond, 4] = limit
+    text(path, ["time", *named("acc_{}_g", "gyr_{}_rad_s")], rows)
+    found = foreign_log.read(path, ForeignMap(units={"gyr": 1.0}))
+    assert (f"{beyond.sum()} of gyr clipped" in found.words()) == bool(beyond.any())
+    frames = b"".join(foreign_log.frames(found, bytes(8)))
+    events = Session(partial(probe_of, {})).receive(frames + b"\0", None)
+    flagged = [
+        "gyr_clipped" in each.message.fields["sample_flags"]
+        for each in events
+        if isinstance(each, Received) and each.message.name == "raw"
+    ]
+    assert flagged == beyond.tolist()
 
 
 def clock(ms: int) -> str:
