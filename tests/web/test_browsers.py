@@ -127,6 +127,7 @@ def test_a_viewer_reads_but_does_not_command() -> None:
             "aim",
             "body",
             "mark",
+            "marks",
             "params",
             "path",
             "pose",
