@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -42,6 +43,7 @@ BOARDS = {
 NANO_MAX = 0x7E00
 MEGA_MAX = 0x3E000
 MEGA_VECTORS = 57  # and a Nano has 26
+BOOT2 = 252  # bytes before their CRC
 PICO_AT, PICO_MAX = 0x1000_0000, (2 << 20) - (64 << 10)
 F405_AT, F405_MAX = 0x0800_0000, 768 * 1024
 _F405_RAM = (range(0x2000_0000, 0x2002_0001), range(0x1000_0000, 0x1001_0001))
@@ -93,7 +95,10 @@ class Image:
             if is_code and any(stack in each for each in _F405_RAM):
                 return "f405"
         elif low == PICO_AT and high < PICO_AT + PICO_MAX:
-            return "pico"  # checked before: UF2 names the chip
+            # RP2040 data sheet, 2.8.1.3.1: the boot ROM checks its second stage.
+            stage = bytes(self.code.get(low + at, 0xFF) for at in range(BOOT2))
+            if _crc32(stage) == self._number(low + BOOT2, 4) and high > low + BOOT2 + 4:
+                return "pico"
         return None
 
     def binary(self) -> bytes:
@@ -110,6 +115,12 @@ class Image:
     def _number(self, at: int, size: int) -> int:
         found = bytes(self.code.get(at + i, 0xFF) for i in range(size))
         return int.from_bytes(found, "little")
+
+
+def _crc32(data: bytes) -> int:
+    """Of 0x04C11DB7, from all ones, no bits reversed."""
+    turned = bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)
+    return int(f"{zlib.crc32(turned) ^ 0xFFFFFFFF:032b}"[::-1], 2)
 
 
 def read(path: Path) -> Image:

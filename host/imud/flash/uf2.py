@@ -46,7 +46,8 @@ def decoded(path: Path, raw: bytes) -> dict[int, int]:
         (end,) = struct.unpack_from("<I", raw, at + _END_AT)
         is_whole = (mark, second, end) == (MARK, _SECOND, _END)
         is_in_order = number == at // _BLOCK and count == len(raw) // _BLOCK
-        if not is_whole or not is_in_order or size > _PAYLOAD_MAX:
+        is_new = address not in code and address + size - 1 not in code
+        if not (is_whole and is_in_order and is_new and 0 < size <= _PAYLOAD_MAX):
             raise FlashError(f"{path} is a damaged UF2 file; get it again")
         if not flags & _HAS_FAMILY or family != FAMILIES["rp2040"]:
             raise FlashError(f"{path} is not for a Pico's RP2040")

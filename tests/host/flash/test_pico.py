@@ -17,7 +17,8 @@ from imud.errors import FlashError
 from imud.flash import firmware, pico, serial_port, uf2
 from imud.flash.errors import HalfWritten
 
-IMAGE = bytes(range(256)) * 250 + b"end"
+BOOT2 = bytes(range(252)) + bytes.fromhex("a8e254b4")  # CRC-32/MPEG-2
+IMAGE = BOOT2 + bytes(range(256)) * 249 + b"end"
 FAMILY = uf2.FAMILIES["rp2040"]
 FILE = uf2.encoded(IMAGE, firmware.PICO_AT, FAMILY)
 
@@ -217,7 +218,17 @@ def test_the_format_is_the_published_one() -> None:
         (FILE[512:], "damaged"),
         (FILE[:512] + b"x" + FILE[513:], "damaged"),
         (uf2.encoded(IMAGE, firmware.PICO_AT, uf2.FAMILIES["rp2350"]), "RP2040"),
-        (uf2.encoded(IMAGE, 0x2000_0000, FAMILY), "fits none of its boards"),
+        (FILE[:16] + bytes(4) + FILE[20:], "damaged"),  # a block of no bytes
+        (FILE[:524] + FILE[12:16] + FILE[528:], "damaged"),  # the first one's place
+        *(
+            (uf2.encoded(image, at, FAMILY), "fits none of its boards")
+            for image, at in (
+                (IMAGE, 0x2000_0000),
+                (IMAGE[:255] + b"x" + IMAGE[256:], firmware.PICO_AT),
+                (BOOT2, firmware.PICO_AT),
+                (b"\xff" * 512, firmware.PICO_AT),
+            )
+        ),
     ],
 )
 def test_a_damaged_or_other_file_is_refused(
