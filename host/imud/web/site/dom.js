@@ -81,6 +81,22 @@ export function draw(tag, properties = {}, ...children) {
 }
 
 /**
+ * A picture in three dimensions; in its place what went wrong, and null.
+ * @template T
+ * @param {HTMLElement} stage
+ * @param {() => T} make3d
+ * @returns {T | null}
+ */
+export function pictured(stage, make3d) {
+  try {
+    return make3d();
+  } catch (error) {
+    stage.append(make("p", { class: "empty" }, `No 3D picture: ${error}`));
+    return null;
+  }
+}
+
+/**
  * Has the browser save a file.
  * @param {string} name
  * @param {Blob} blob

@@ -74,6 +74,11 @@ export class Recorder {
     this._fusedUs = -Infinity;
   }
 
+  /** The time of the last value, s; 0: there is none. */
+  get last() {
+    return Math.max(this.pose.last || 0, this.raw.last || 0);
+  }
+
   /** Restarts: for another probe or another convention of angles. */
   clear() {
     this.pose.clear();

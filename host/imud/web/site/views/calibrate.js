@@ -3,7 +3,7 @@
 // Calibrates the selected probe: guides the user, shows the covered directions, and
 // activates the result.
 
-import { make } from "../dom.js";
+import { make, pictured } from "../dom.js";
 import { attempt, tell } from "../header.js";
 import { Cloud } from "../calibrate/cloud.js";
 import { Ghost } from "../calibrate/ghost.js";
@@ -55,7 +55,7 @@ export class CalibrateView {
       y: ["apply", () => this._result.apply.click()],
       u: ["undo", () => this._result.undo.click()],
     });
-    this.scene = this._makeScene();
+    this.scene = pictured(this._stage, () => new Scene(this._stage, this._cover.group, this._ghost.group));
     this.recolour();
     this._take = (/** @type {Event} */ event) => {
       this._hear(/** @type {CustomEvent<Line>} */ (event).detail);
@@ -154,14 +154,5 @@ export class CalibrateView {
       await link.ask(selected, "params", { records });
       tell(which === "outcome" ? "The calibration is active" : "The previous params are active again");
     });
-  }
-
-  _makeScene() {
-    try {
-      return new Scene(this._stage, this._cover.group, this._ghost.group);
-    } catch (error) {
-      this._stage.append(make("p", { class: "empty" }, `No 3D picture: ${error}`));
-      return null;
-    }
   }
 }

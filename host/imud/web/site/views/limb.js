@@ -3,7 +3,7 @@
 // A limb that several probes sit on, as `imud body` publishes it: the figure in 3D and in
 // the sagittal plane, angles and foot over time, and the instructions of the alignment.
 
-import { make, mark, say } from "../dom.js";
+import { make, mark, pictured, say } from "../dom.js";
 import { span } from "../format.js";
 import { AlignCard, AnglesCard, GaitCard } from "../limb/cards.js";
 import { Figure } from "../limb/figure.js";
@@ -194,11 +194,7 @@ export class LimbView {
   /** The 3D picture, made when there is a limb. */
   _scene() {
     if (this.figure === null && !this._stage.hasChildNodes()) {
-      try {
-        this.figure = new Figure(this._stage);
-      } catch (error) {
-        this._stage.append(make("p", { class: "empty" }, `No 3D picture: ${error}`));
-      }
+      this.figure = pictured(this._stage, () => new Figure(this._stage));
     }
     return this.figure;
   }

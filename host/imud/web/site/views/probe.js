@@ -2,7 +2,7 @@
 // @ts-check
 // One probe: the 3D picture, its numbers with their errors, and what can be done to it.
 
-import { keep, kept, make, mark, save, say } from "../dom.js";
+import { keep, kept, make, mark, pictured, save, say } from "../dom.js";
 import { fixed, span } from "../format.js";
 import { toAngles } from "../rotation.js";
 import { Scene } from "../scene/scene.js";
@@ -109,7 +109,7 @@ export class ProbeView {
       ),
       make("aside", { class: "side" }, this._numbers.element, this._controls.element, this._marks.element),
     );
-    this.scene = this._makeScene();
+    this.scene = pictured(this._stage, () => new Scene(this._stage));
     this._setBody(this._body.value);
   }
 
@@ -174,15 +174,6 @@ export class ProbeView {
     const picture = await this.scene?.picture();
     if (picture) {
       save(`${selected}-${new Date().toISOString().slice(0, 19)}.png`, picture);
-    }
-  }
-
-  _makeScene() {
-    try {
-      return new Scene(this._stage);
-    } catch (error) {
-      this._stage.append(make("p", { class: "empty" }, `No 3D picture: ${error}`));
-      return null;
     }
   }
 

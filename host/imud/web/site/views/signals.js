@@ -131,8 +131,7 @@ export class SignalsView {
       return;
     }
     this._drawnMs = nowMs;
-    const { pose, raw } = this._recorder;
-    const last = Math.max(pose.last || 0, raw.last || 0);
+    const { last } = this._recorder;
     const { marks, selected } = this._model;
     if (!Number.isNaN(marks.momentMs)) {
       this._isLive = false;
@@ -249,8 +248,7 @@ export class SignalsView {
 
   /** @param {number} share of the window */
   _scroll(share) {
-    const { pose, raw } = this._recorder;
-    const last = Math.max(pose.last || 0, raw.last || 0);
+    const { last } = this._recorder;
     const oldest = Math.max(last - KEPT_S, 0) + this._span;
     this._end = Math.min(last, Math.max(oldest, this._end + share * this._span));
     this._setLive(share > 0 && this._end === last);
@@ -258,9 +256,8 @@ export class SignalsView {
 
   /** @param {number} share of what is kept: 0 the oldest, 1 the newest */
   _slide(share) {
-    const { pose, raw } = this._recorder;
+    const { pose, raw, last } = this._recorder;
     const first = Math.min(...[pose, raw].map((one) => (one.length ? one.time(0) : Infinity)));
-    const last = Math.max(pose.last || 0, raw.last || 0);
     if (Number.isFinite(first)) {
       this._end = Math.min(last, first + this._span) * (1 - share) + last * share;
       this._setLive(share === 1);
