@@ -139,8 +139,8 @@ class _Reader:
         if kind == STRUCT:
             width = int(self._numbers(*next(parts))[0])
             texts = bytes(next(parts)[1])
-            if width <= 0:
-                raise ValueError("names of fields have no length")
+            if width <= 0 or not texts:
+                return  # a struct without fields
             each = [texts[at : at + width] for at in range(0, len(texts), width)]
             fields = ["." + text.partition(b"\0")[0].decode("latin-1") for text in each]
         for at, (inner, content) in enumerate(parts):

@@ -231,13 +231,15 @@ def _layout(path: Path, form: _Form, head: list[tuple[int, str]]) -> _Layout:
     sample = [row for row in sample if len(row) == width]
     texts = frozenset(at for at in range(width) if _is_text([r[at] for r in sample]))
     wanted = [at for at in range(width) if at not in texts]
-    first = next(
+    whole = (
         at
         for at, row in enumerate(rows)
         if len(row) == width
         and any(map(_is_number, row))
         and all(_is_number(row[c]) or row[c].lower() in MISSING for c in wanted)
     )
+    if (first := next(whole, None)) is None:
+        raise FileError(f"{path} holds no row of numbers alone: remove other cells")
     above = [form.cells(line.lstrip("#%/ ")) for _, line in head[:first]]
     above = [_trimmed(row, width) for row in above]
     if not any(row[-1] for row in sample) and len(_trimmed(rows[first], 0)) < width:
