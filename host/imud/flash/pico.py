@@ -94,9 +94,9 @@ def _volumes() -> Iterator[Path]:
     with contextlib.suppress(OSError):
         for line in MOUNTS.read_text(errors="replace").splitlines():
             # Spaces and the like are three octal digits there (fstab(5)).
-            name = line.split(" ")[1].encode().decode("unicode_escape")
-            if line.startswith("/dev/"):
-                yield Path(name)
+            device, name, kind = line.split(" ")[:3]
+            if device.startswith("/dev/") and kind == "vfat":  # as the boot loader has
+                yield Path(name.encode().decode("unicode_escape"))
     with contextlib.suppress(OSError):
         yield from VOLUMES.iterdir()
 

@@ -38,13 +38,15 @@ class Loader:
         self._is_over = threading.Event()
         self._thread = threading.Thread(target=self._wait, daemon=True)
 
-    def appear(self, board: str = "RPI-RP2", *, restarts: bool = True) -> None:
+    def appear(
+        self, board: str = "RPI-RP2", kind: str = "vfat", *, restarts: bool = True
+    ) -> None:
         self.folder.mkdir()
         info = f"UF2 Bootloader v3.0\nModel: Raspberry Pi RP2\nBoard-ID: {board}\n"
         (self.folder / pico.INFO).write_text(info)
         name = str(self.folder).replace(" ", "\\040")
         with self.mounts.open("a") as file:
-            file.write(f"/dev/sdb1 {name} vfat rw 0 0\n")
+            file.write(f"/dev/sdb1 {name} {kind} rw 0 0\n")
         if restarts:
             self._thread.start()
 
@@ -113,8 +115,11 @@ def test_where_no_board_waits_it_is_told_what_to_do() -> None:
         pico.flash(None, FILE, quiet)
 
 
-def test_another_chips_drive_is_left_alone(loader: Loader) -> None:
-    loader.appear("RP2350", restarts=False)
+@pytest.mark.parametrize(("board", "kind"), [("RP2350", "vfat"), ("RPI-RP2", "ext4")])
+def test_what_is_no_picos_drive_is_left_alone(
+    loader: Loader, board: str, kind: str
+) -> None:
+    loader.appear(board, kind, restarts=False)
     with pytest.raises(FlashError, match="no drive RPI-RP2"):
         pico.flash(None, FILE, quiet)
     assert [each.name for each in loader.folder.iterdir()] == [pico.INFO]
