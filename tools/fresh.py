@@ -19,11 +19,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDINGS = (
@@ -33,8 +34,10 @@ RECORDINGS = (
 SUITES = ("bookworm", "trixie")  # Debian 12 and 13
 COMMANDS = ("make demo SECONDS=10", "make demo SECONDS=10", "make test")
 PACKAGES = ("ca-certificates", "git", "make", "python3")
-# A second of one processor is not one of another's: budgets count runs of this.
+# A second of one processor is not one of another's, nor of the same one beside other
+# work: budgets count runs of this, which are timed while the command runs.
 UNIT = "sum(hash(str(number)) for number in range(1_000_000))"
+UNIT_EVERY_S = 10.0
 SPENT = ROOT / "build" / "spent.json"  # what each command took; tools/budget.py reads
 KEPT_DAYS = 30  # in an older system most packages would be downloaded again
 
@@ -157,12 +160,12 @@ def tried(
         for command in commands:
             sys.stdout.write(f"\n== {where}: {command}\n")
             begun = time.monotonic()
-            (_, before_s), ((code, _), used_s), (_, after_s) = (
-                used(subprocess.run, (sys.executable, "-c", UNIT), check=True),
-                used(fresh.run, "sh", "-c", command),
-                used(subprocess.run, (sys.executable, "-c", UNIT), check=True),
-            )
-            units = 2.0 * used_s / (before_s + after_s)
+            started = os.times()
+            with pace() as units_s:
+                code, _ = fresh.run("sh", "-c", command)
+            ended = os.times()
+            used_s = max(0.0, sum(ended[2:4]) - sum(started[2:4]) - sum(units_s))
+            units = used_s * len(units_s) / sum(units_s)
             if not code:
                 keep(command, units)
             spent = f"{time.monotonic() - begun:5.0f} s, used {used_s:5.0f} s"
@@ -173,12 +176,28 @@ def tried(
             yield where, "git status", "", f"FAILED, files left:\n{left}"
 
 
-def used(call: Callable[..., Any], *given: object, **options: object) -> Any:
-    """What the call returns, and the processor seconds of its processes."""
-    begun = os.times()
-    result = call(*given, **options)
-    ended = os.times()
-    return result, sum(ended[2:4]) - sum(begun[2:4])
+@contextmanager
+def pace() -> Iterator[list[float]]:
+    """The processor seconds of each UNIT that ran meanwhile, one of them at once."""
+    found: list[float] = []
+    is_over = threading.Event()
+
+    def follow() -> None:
+        while True:
+            unit = subprocess.Popen((sys.executable, "-c", UNIT))
+            _, _, usage = os.wait4(unit.pid, 0)
+            unit.returncode = 0
+            found.append(usage.ru_utime + usage.ru_stime)
+            if is_over.wait(UNIT_EVERY_S):
+                return
+
+    following = threading.Thread(target=follow)
+    following.start()
+    try:
+        yield found
+    finally:
+        is_over.set()
+        following.join()
 
 
 def keep(command: str, units: float) -> None:
