@@ -217,7 +217,6 @@ def tables_of(results: Sequence[Result], board: str) -> list[Table]:
 
 
 TITLES = {
-    "guided": "the same, with the params of a guided calibration",
     VQF: "VQF in doubles",
     OFFLINE: "VQF offline, which also uses later samples",
     "ahrs-madgwick": "Madgwick (`ahrs`, gain 0.06)",

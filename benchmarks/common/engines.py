@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,6 @@ from benchmarks.common.core import Replay
 from benchmarks.common.feed import Feed, with_filter
 from imud import rotation
 from imud.gravity import GRAVITY_M_S2
-from imud.params.trusted import GUIDED
 from imud.rotation import FloatArray
 from imud.wire import schema
 
@@ -78,11 +77,6 @@ def replayed(feed: Feed, name: str) -> list[bytes]:
 def core(feed: Feed, name: str) -> Estimate:
     """One of the firmware's filters."""
     return poses(feed.pose_times_s, replayed(feed, name))
-
-
-def guided(feed: Feed) -> Estimate:
-    """The main filter as users have it after a guided calibration."""
-    return core(replace(feed, params=GUIDED), MAIN)
 
 
 def vqf_defaults(feed: Feed) -> Estimate:
@@ -192,7 +186,6 @@ def fusion(feed: Feed) -> Estimate:
 
 ENGINES: dict[str, Engine] = {
     HOST: partial(core, name=MAIN),
-    "guided": guided,
     VQF: vqf_defaults,
     OFFLINE: vqf_offline,
     "ahrs-madgwick": ahrs_madgwick,
@@ -202,4 +195,4 @@ ENGINES: dict[str, Engine] = {
 }
 
 # Engines that take seconds only.
-QUICK = (HOST, "guided", VQF, OFFLINE, *PAPERS)
+QUICK = (HOST, VQF, OFFLINE, *PAPERS)

@@ -40,9 +40,7 @@ def known_to(
 
 # As uncertain as a guided calibration leaves them, but for the gyroscope: the scales
 # of recordings are wrong by percents.
-CALIBRATED = known_to(0.007, 0.05)
-# The same as users have it, with the field of the room of the public recordings.
-GUIDED = known_to(0.007, 0.8, norm_uT=43.0, dip_deg=70.0)
+CALIBRATED = known_to(0.007, 0.8)
 
 
 def place_of(field_ut: FloatArray) -> dict[str, float]:
