@@ -38,9 +38,10 @@ static bool is_fresh(const uint8_t *status) {
     return (*status & LSM9DS0_DATA_READY) == LSM9DS0_DATA_READY;
 }
 
-// The bytes of an undriven bus: all ones. All zeros are not fresh.
-static bool is_floating(const uint8_t *bytes) {
-    for (uint8_t i = GYR_PLACE; i < TEMPERATURE_PLACE; ++i) {
+// The bytes of an undriven bus, which power that fails amid a sample leaves: all ones.
+// All zeros are not fresh.
+static bool is_floating(const uint8_t *bytes, uint8_t count) {
+    for (uint8_t i = 0; i < count; ++i) {
         if (bytes[i] != 0xFF) {
             return false;
         }
@@ -64,7 +65,9 @@ bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     const uint8_t *acc = bytes + ACC_PLACE;
     const uint8_t *mag = bytes + MAG_PLACE;
     const bool is_held = !is_fresh(acc);
-    if (!is_fresh(gyr) || is_floating(bytes) || (is_held && chip->held == HELD_MAX)) {
+    if (!is_fresh(gyr) || is_floating(gyr, TEMPERATURE_PLACE) ||
+        is_floating(acc, SAMPLE_BYTES - ACC_PLACE) ||
+        (is_held && chip->held == HELD_MAX)) {
         return false;
     }
     chip->held = is_held ? (uint8_t)(chip->held + 1) : 0;
@@ -72,8 +75,9 @@ bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     out->acc_clipped = take_axes(acc, ACC_COUNTS_MAX, &out->acc);
     out->gyr_clipped = take_axes(gyr, GYR_COUNTS_MAX, &out->gyr);
     out->temperature_cdeg = temperature_cdeg(bytes + TEMPERATURE_PLACE);
-    chip->mag_measured |= is_fresh(mag);
-    out->has_mag = chip->has_mag && is_fresh(mag);
+    const bool has_mag = is_fresh(mag) && !is_floating(mag, LSM9DS0_AXES_BYTES);
+    chip->mag_measured |= has_mag;
+    out->has_mag = chip->has_mag && has_mag;
     out->mag_overflow = false;
     out->mag = (struct counts){0};
     if (out->has_mag) {

@@ -145,6 +145,8 @@ class Driver:
         place = wire.RAW_MAG
         flags = 0
         is_new = data[2] & _FRESH == _FRESH
+        if data[2] == 0xFF and data[2:] == _ONES[2:]:  # of an undriven bus
+            is_new = False
         self._follow_field(is_new)
         if is_new and self._has_mag:
             copy_axes(data, 3, raw, place)
