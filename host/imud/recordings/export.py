@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import sys
-from collections import ChainMap, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
@@ -84,7 +84,7 @@ def _columns_of(key: str, kind: inspect.Type) -> dict[str, Column]:
             return _columns_of(key, one)
         case inspect.StructType(fields=fields):
             parts = [_columns_of(f"{key}.{part.name}", part.type) for part in fields]
-            return dict(ChainMap(*reversed(parts)))
+            return {name: each for part in parts for name, each in part.items()}
         case inspect.TupleType(item_types=items):
             cell = _integer if isinstance(items[0], inspect.IntType) else _number
             found = {key: Column(parts_of(key, "wxyz"[-len(items) :]), cell)}
