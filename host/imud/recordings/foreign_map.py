@@ -31,8 +31,10 @@ TIMES = ("time", "timestamp", "datetime", "stamp", "t", "seconds", "secs", "micr
          "millis", "zeit", "uhrzeit", "temps", "tiempo", "tempo")  # fmt: skip
 
 # Of a lone number: rows in a second.
-RATES = ("fs", "rate", "sampling", "samplerate", "samplingrate", "freq", "frequency",
-         "hz", "odr")  # fmt: skip
+RATES = {
+    *("fs", "hz", "odr", "rate", "freq", "frequency"),
+    *("sampling", "samplerate", "samplingrate"),
+}
 RATE_HZ = (1.0, 10_000.0)
 
 PROCESSED = ("linear", "user", "gravity")
@@ -287,9 +289,8 @@ def _rate_hz(table: ForeignTable, told: ForeignMap) -> float | None:
     """
     found = {}
     for name, column in table.columns.items():
-        is_rate = (
-            set(words(name)) & set(RATES) and RATE_HZ[0] <= column[0] <= RATE_HZ[1]
-        )
+        is_named = not RATES.isdisjoint(words(name))
+        is_rate = is_named and RATE_HZ[0] <= column[0] <= RATE_HZ[1]
         if is_rate and (column == column[0]).all():
             found[name] = float(column[0])
     place = told.columns["acc"][0].rpartition(".")[0]
@@ -390,8 +391,8 @@ def _times_s(table: ForeignTable, told: ForeignMap) -> FloatArray:
     first_s = told.units["time"] * float(values[np.isfinite(values)][0])
     if UTC_S[0] <= first_s < UTC_S[1]:
         told.began_s = first_s
-        began = datetime.fromtimestamp(first_s, UTC)
-        told.note += f"{', ' * bool(told.note)}from {began:%Y-%m-%d %H:%M:%S} UTC"
+        began = f"from {datetime.fromtimestamp(first_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
+        told.note = ", ".join(filter(None, (told.note, began)))
     return t_s
 
 
