@@ -178,12 +178,15 @@ def _is_clipped(rows: FloatArray, lsb: float) -> np.ndarray[Any, np.dtype[np.boo
     often than the values next to it.
     """
     is_it = np.asarray((np.abs(_counts(rows, lsb)) > COUNTS_MAX).any(axis=1))
-    for column in (*rows.T, *-rows.T):
+    for column in rows.T:
         values, counts = np.unique(column[np.isfinite(column)], return_counts=True)
-        nearby = counts[-1 - BESIDE : -1]
-        is_there = len(nearby) == BESIDE and values[-1] > 0.0  # at rest some say 0
-        if is_there and counts[-1] >= OFTEN * nearby.max():
+        if len(values) <= BESIDE:
+            continue
+        # At rest some say 0.
+        if values[-1] > 0.0 and counts[-1] >= OFTEN * counts[-1 - BESIDE : -1].max():
             is_it |= column == values[-1]
+        if values[0] < 0.0 and counts[0] >= OFTEN * counts[1 : 1 + BESIDE].max():
+            is_it |= column == values[0]
     return is_it
 
 
@@ -249,8 +252,9 @@ def write(found: Imported, source: Path, log: Path) -> str:
         digest.update(rows.tobytes())
     probe_id = digest.digest()[:8]
     probe = probe_in_file(first_hello(_said(found, probe_id)), Probe)
-    started_ns = round(1e6 * (found.began_s or 0.0)) * 1000
-    started_ns -= FIRST_US * 1000 * bool(started_ns)
+    started_ns = 0
+    if found.began_s is not None:
+        started_ns = 1000 * (round(1e6 * found.began_s) - FIRST_US)
     if not write_capture(_said(found, probe_id), probe, log, started_ns):
         raise FileError(f"{source}: no rows could be written")
     return probe_id.hex()
