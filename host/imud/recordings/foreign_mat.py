@@ -32,6 +32,12 @@ COMPLEX = 0x800
 
 Array = np.ndarray[Any, np.dtype[Any]]
 
+# What comes of elements that end early, are empty, or are no numbers of their kind.
+DAMAGED = (
+    *(StopIteration, struct.error, zlib.error),
+    *(ValueError, IndexError, OverflowError),
+)
+
 
 def arrays_of(path: Path) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Real arrays by their names, such as `walk.acc` of a struct or `walk2.acc` of the
@@ -51,8 +57,8 @@ def arrays_of(path: Path) -> tuple[dict[str, Array], tuple[str, ...]]:
     reader = _Reader(str(order))
     try:
         reader.read(raw[HEAD:])
-    except (StopIteration, struct.error, zlib.error, ValueError) as error:
-        why = str(error) or "an array is cut short"
+    except DAMAGED as error:
+        why = str(error) if type(error) is ValueError else "an element is cut short"
         raise FileError(
             f"{path} is a damaged .mat file: {why}; save it again"
         ) from error
@@ -120,6 +126,8 @@ class _Reader:
         elif kind in NUMBERS and not flags & COMPLEX and len(shape) == 2 and name:
             if depth:
                 next(parts)
+            if min(shape) < 0:
+                raise ValueError("an array of a negative size")
             self._take(8 * math.prod(shape))
             values = self._numbers(*next(parts)).astype(float)
             values = values.reshape(shape, order="F")
