@@ -41,7 +41,9 @@ struct chip_fault {
     uint8_t at_byte;  // NACK, STUCK_SDA: of the transaction; 0 address, 1 register
     uint8_t clocks;   // STUCK_SDA, MAG_HUNG: SCL pulses that free the line, 0: none do
     uint8_t reg;      // REGISTER_FLIP
-    uint8_t value;    // WRONG_WHO_AM_I, REGISTER_FLIP
+    // WRONG_WHO_AM_I, REGISTER_FLIP. NO_DATA_READY, but of the MPU-9250: of the
+    // sensor enum chip_quantity + 1 alone; 0: of all.
+    uint8_t value;
 };
 
 #endif

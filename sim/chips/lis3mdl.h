@@ -39,6 +39,7 @@ struct lis3mdl_chip_config {
     uint64_t soft_reset_ns;  // how long SOFT_RST takes
     uint8_t who_am_i;        // 0x3D
     bool sa1;                // level of the pin: address 0x1C or 0x1E
+    double self_test_ut[3];  // response of each axis
 };
 
 // A plain LIS3MDL: no rate error, 25 degC, SA1 low.

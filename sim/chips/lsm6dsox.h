@@ -46,11 +46,13 @@
 
 struct lsm6dsox_chip_config {
     struct sensor_chip_config sensor;
-    double rate_error_ppm;    // of its clock; positive is fast
-    uint64_t reset_ns;        // how long SW_RESET takes
-    uint64_t gyr_turn_on_ns;  // from power-down until readings are good
-    uint8_t who_am_i;         // 0x6C; of a relative: `pairs` in module.c
-    bool sa0;                 // level of the pin: address 0x6A or 0x6B
+    double rate_error_ppm;        // of its clock; positive is fast
+    uint64_t reset_ns;            // how long SW_RESET takes
+    uint64_t gyr_turn_on_ns;      // from power-down until readings are good
+    uint8_t who_am_i;             // 0x6C; of a relative: `pairs` in module.c
+    bool sa0;                     // level of the pin: address 0x6A or 0x6B
+    double gyr_self_test_dps[3];  // response of each axis, at 2000 deg/s
+    double acc_self_test_mg[3];   // response of each axis
 };
 
 // A plain LSM6DSOX, which an LSM6DSO equals here: no errors, 25 degC, SA0 low.

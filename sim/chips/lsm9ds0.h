@@ -67,7 +67,7 @@ struct lsm9ds0_chip_config {
     int8_t mag_sign[3];           // of each axis of the magnetometer against the others
     bool sa0_g;                   // level of the pin: address 0x6A or 0x6B
     bool sa0_xm;                  // 0x1E or 0x1D
-    double gyr_self_test_dps[3];  // response in each range: 245, 500, 2000 deg/s
+    double gyr_self_test_dps[3];  // response of each axis, at 2000 deg/s
     double acc_self_test_mg[3];   // response of each axis
 };
 

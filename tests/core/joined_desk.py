@@ -6,38 +6,37 @@ from __future__ import annotations
 
 from typing import Any
 
-from core.joined_chip import Chips, ffi, lib
-from core.sensor_desk import RegisterBench, axes
+from core.sensor_desk import SensorBench, axes, ffi, lib
+from sim.chips.sensor_desk import SensorDesk
 
 
-class Bench(RegisterBench):
+class Bench(SensorBench):
     """The driver with its chips."""
 
     def __init__(
-        self, chips: Any = None, start_us: int = 0, config: Any = None
+        self,
+        start_us: int = 0,
+        config: Any = None,
+        inertial: dict[str, Any] | None = None,
+        magnetic: dict[str, Any] | None = None,
     ) -> None:
+        """`config` is the driver's, `inertial` and `magnetic` those of the models."""
         self.config = config or ffi.addressof(lib.adafruit_4517)
         driver = ffi.new("struct joined *", {"config": self.config})
-        super().__init__(ffi, lib, driver, chips or Chips(), start_us)
+        self.inertial = SensorDesk("lsm6dsox", ffi, lib, **(inertial or {}))
+        self.magnetic = SensorDesk("lis3mdl", ffi, lib, **(magnetic or {}))
+        self.inertial_at = 0x6B if self.inertial.config.sa0 else 0x6A
+        self.magnetic_at = 0x1E if self.magnetic.config.sa1 else 0x1C
+        chips = {self.inertial_at: self.inertial, self.magnetic_at: self.magnetic}
+        super().__init__(driver, chips, start_us)
 
     def field(self) -> tuple[int, int, int]:
         """The next field that arrives."""
         sample = next(s for s in (self.sample() for _ in range(40)) if s.has_mag)
         return axes(sample.mag)
 
-    def check(self) -> int:
-        return int(self.call("check", self.bus))
 
-    def checks(self, count: int) -> list[int]:
-        """The results of some checks, with samples between them."""
-        results = []
-        for _ in range(count):
-            self.samples(4)
-            results.append(self.check())
-        return results
-
-
-def running(chips: Any = None, **options: Any) -> Bench:
-    bench = Bench(chips, **options)
+def running(**options: Any) -> Bench:
+    bench = Bench(**options)
     assert bench.set_up() == lib.SENSOR_OK
     return bench

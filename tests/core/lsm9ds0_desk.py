@@ -1,34 +1,36 @@
 # SPDX-License-Identifier: MIT
-"""The LSM9DS0's driver on a desk, with the register file of lsm9ds0_chip.py."""
+"""The LSM9DS0's driver on a desk, with the chip's model."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from core.lsm9ds0_chip import Chip, ffi, lib
-from core.sensor_desk import RegisterBench
+from core.sensor_desk import SensorBench, ffi, lib
+from sim.chips.sensor_desk import SensorDesk
+
+G, XM = lib.LSM9DS0_CHIP_G, lib.LSM9DS0_CHIP_XM  # its dies
+ACC_PASSED, GYR_PASSED = lib.SELF_TEST_ACC_PASSED, lib.SELF_TEST_GYR_PASSED
+ACC_FAILED, GYR_FAILED = lib.SELF_TEST_ACC_FAILED, lib.SELF_TEST_GYR_FAILED
+BOTH_PASSED = ACC_PASSED | GYR_PASSED
 
 
-class Bench(RegisterBench):
+class Bench(SensorBench):
     """The driver with its chip."""
 
     def __init__(
-        self,
-        chip: Any = None,
-        start_us: int = 0,
-        *,
-        is_fast: bool = False,
+        self, start_us: int = 0, *, is_fast: bool = False, **config: Any
     ) -> None:
-        chip = chip or Chip()
-        gyr_address, xm_address = chip.halves
-        config = {"gyr_address": gyr_address, "xm_address": xm_address}
-        driver = ffi.new("struct lsm9ds0 *", {"config": config})
+        chip = SensorDesk("lsm9ds0", ffi, lib, **config)
+        self.g_at = 0x6B if chip.config.sa0_g else 0x6A
+        self.xm_at = 0x1D if chip.config.sa0_xm else 0x1E
+        where = {"gyr_address": self.g_at, "xm_address": self.xm_at}
+        driver = ffi.new("struct lsm9ds0 *", {"config": where})
         driver.config.is_fast = is_fast
-        super().__init__(ffi, lib, driver, chip, start_us)
+        super().__init__(driver, {self.g_at: chip, self.xm_at: chip}, start_us)
 
 
-def running(chip: Any = None, *, is_fast: bool = False) -> Bench:
-    bench = Bench(chip, is_fast=is_fast)
+def running(**options: Any) -> Bench:
+    bench = Bench(**options)
     assert bench.set_up() == lib.SENSOR_OK
     return bench
 
@@ -40,6 +42,7 @@ def block(
     gyr_status: int = 0x0F,
     acc_status: int = 0x0F,
     mag_status: int = 0x0F,
+    temperature: int = 0x10,
 ) -> bytes:
     """Return the bytes of a sample's bursts."""
 
@@ -47,10 +50,9 @@ def block(
         rows = (value.to_bytes(2, "little", signed=True) for value in values)
         return bytes([status]) + b"".join(rows)
 
-    temperature = bytes([0x10, 0x00])
     return (
         part(gyr_status, gyr)
         + part(acc_status, acc)
-        + temperature
+        + temperature.to_bytes(2, "little")
         + part(mag_status, mag)
     )

@@ -3,16 +3,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from typing import Any
 
-import native
-from core.sensor_desk import SensorBench
+from core.sensor_desk import DEGREE, G, SensorBench, ffi, lib
+from sim.chips.sensor_desk import SensorDesk
 
-ffi, lib = native.load()
-G = 9.80665
-DEGREE = math.pi / 180
 ACC_LSB = 16 * G / 32768
 GYR_LSB = 2000 * DEGREE / 32768
 MAG_LSB = 0.15
@@ -26,89 +21,14 @@ class Bench(SensorBench):
     def __init__(
         self, start_us: int = 0, read: Any = None, write: Any = None, **config: Any
     ) -> None:
-        settings = lib.mpu9250_chip_defaults()
-        for name, value in config.items():
-            setattr(settings, name, value)
-        self.chip = ffi.gc(
-            lib.mpu9250_chip_new(ffi.new("struct mpu9250_chip_config *", settings)),
-            lib.sensor_chip_free,
-        )
-        self.now_ns = 0
-        self.log: list[tuple[float, str, int]] = []  # ms, "read" or "write", register
-        driver = ffi.new("struct mpu9250 *")
-        super().__init__(
-            *(ffi, lib, driver),
-            *(read or self._read_chip, write or self._write_chip, start_us),
-        )
+        chip = SensorDesk("mpu9250", ffi, lib, **config)
+        chips = {0x68: chip}
+        super().__init__(ffi.new("struct mpu9250 *"), chips, start_us, read, write)
 
-    @property
-    def clock_ns(self) -> int:
-        return self.now_ns
-
-    def let_pass(self, us: int) -> None:
-        self.now_ns += us * 1000
-        lib.sensor_chip_advance(self.chip, self.now_ns)
-
-    def _read_chip(self, _: Any, address: int, reg: int, data: Any, length: int) -> int:
-        self.log.append((self.now_ns / 1e6, "read", reg))
+    def read_chip(self, _: Any, address: int, reg: int, data: Any, length: int) -> int:
         if data == ffi.addressof(self.driver, "read"):
             assert length == 1, "a byte beyond it is another member"
-        return self._transfer(lib.i2c_slave_read_registers, address, reg, data, length)
-
-    def _write_chip(
-        self, _: Any, address: int, reg: int, data: Any, length: int
-    ) -> int:
-        self.log.append((self.now_ns / 1e6, "write", reg))
-        return self._transfer(lib.i2c_slave_write_registers, address, reg, data, length)
-
-    def _transfer(
-        self, move: Callable[..., int], address: int, reg: int, data: Any, length: int
-    ) -> int:
-        now = ffi.new("uint64_t *", self.now_ns)
-        result = move(lib.sensor_chip_wire(self.chip), now, address, reg, data, length)
-        self.now_ns = now[0]
-        return {0: lib.BUS_OK, -1: lib.BUS_NACK, -3: lib.BUS_STUCK}[result]
-
-    def hold(
-        self,
-        gyr: tuple[float, float, float] = (0, 0, 0),
-        acc: tuple[float, float, float] = (0, 0, G),
-        mag: tuple[float, float, float] = (0, 20, -40),
-    ) -> None:
-        lib.sensor_chip_hold(self.chip, gyr, acc, mag)
-
-    def fault(self, kind: int, **fields: Any) -> None:
-        fault = ffi.new("struct chip_fault *", {"kind": kind, **fields})
-        assert lib.i2c_slave_add_fault(lib.sensor_chip_wire(self.chip), fault)
-
-    def next_edge(self) -> None:
-        """Let time pass to the next rising edge of INT."""
-        was_high = lib.sensor_chip_pin_is_high(self.chip, 0)
-        deadline_ns = self.now_ns + 20_000_000
-        while True:
-            event_ns = lib.sensor_chip_next_event(self.chip)
-            assert event_ns <= deadline_ns, "no data-ready within 20 ms"
-            self.now_ns = max(self.now_ns, event_ns)
-            lib.sensor_chip_advance(self.chip, self.now_ns)
-            is_high = lib.sensor_chip_pin_is_high(self.chip, 0)
-            if is_high and not was_high:
-                return
-            was_high = is_high
-
-    def sample(self) -> Any:
-        """Take the burst that the next data-ready edge starts."""
-        self.next_edge()
-        time_us = self.now_us
-        burst = self.burst
-        data = ffi.new("uint8_t[]", burst.length)
-        result = self._read_chip(None, burst.address, burst.reg, data, burst.length)
-        assert result == lib.BUS_OK
-        return self.parse(bytes(data), time_us)
-
-    @property
-    def burst(self) -> Any:
-        (burst,) = self.driver.bursts
-        return burst
+        return super().read_chip(_, address, reg, data, length)
 
     def settled(self) -> Any:
         """Return the last of enough samples for all filters to forget the past."""
@@ -116,29 +36,6 @@ class Bench(SensorBench):
 
     def settled_mag(self) -> Any:
         return [sample for sample in self.samples(16) if sample.has_mag][-1].mag
-
-    def check(self) -> int:
-        """Look after the sensor, a second after the last sample."""
-        return int(self.call("check", self.bus))
-
-    def checks(self, count: int) -> list[int]:
-        """The results of some checks, with samples between them."""
-        results = []
-        for _ in range(count):
-            self.samples(4)
-            results.append(self.check())
-        return results
-
-    @property
-    def complaint(self) -> str | None:
-        text = lib.sensor_chip_complaint(self.chip)
-        return ffi.string(text).decode() if text != ffi.NULL else None
-
-    def register(self, reg: int) -> int:
-        return int(lib.sensor_chip_peek(self.chip, 1, reg))
-
-    def mag_register(self, reg: int) -> int:
-        return int(lib.sensor_chip_peek(self.chip, 2, reg))
 
 
 def running(**config: Any) -> Bench:

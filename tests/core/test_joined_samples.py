@@ -8,9 +8,8 @@ import itertools
 
 import pytest
 
-from core.joined_chip import Chips, Inertial, ffi, lib
 from core.joined_desk import Bench, running
-from core.sensor_desk import axes
+from core.sensor_desk import axes, ffi, lib
 
 AXES = [(1, 2, 3), (2, 1, -3), (-3, 1, -2)]
 
@@ -29,15 +28,13 @@ def test_each_chip_is_turned_into_the_axes_of_its_module(inertial, magnetic):
         },
     )
     bench = running(config=config)
-    bench.chip.inertial.acc_g = (1, 2, 3)
-    bench.chip.inertial.gyr_dps = (10, 20, 30)
-    bench.chip.magnetic.gauss = (0.1, 0.2, 0.3)
+    bench.hold((10, 20, 30), (1, 2, 3), (0.1, 0.2, 0.3))
 
     def turned(values, to):
         return [values[abs(axis) - 1] * (1 if axis > 0 else -1) for axis in to]
 
+    sample = bench.samples(12)[-1]
     field = bench.field()
-    sample = bench.sample()
     for found, values, to, lsb in (
         (axes(sample.acc), (1, 2, 3), inertial, 0.488e-3),
         (axes(sample.gyr), (10, 20, 30), inertial, 0.07),
@@ -59,7 +56,7 @@ def test_the_end_of_a_range_turned_round_stays_in_it():
         },
     )
     bench = running(config=config)
-    bench.chip.inertial.acc_g = (-20, 0, 1)
+    bench.hold(g=(-20, 0, 1))
     sample = bench.sample()
     assert sample.acc.x == 32767
     assert sample.acc_clipped
@@ -180,7 +177,8 @@ FLIPS = [
 def test_a_register_that_changes_by_itself_is_noticed_by_the_second_check(chip, reg):
     bench = running()
     bench.samples(5)
-    getattr(bench.chip, chip).registers[reg] ^= 0x80
+    chip = getattr(bench, chip)
+    bench.flip(chip, reg, chip.peek(reg) ^ 0x80)
     results = [bench.check(), bench.check()]
     assert lib.SENSOR_UNSET in results
     assert bench.identity.wrong_register == reg
@@ -193,17 +191,18 @@ def test_healthy_chips_pass_every_check_by_one_short_read_each():
     bench = running()
     for _ in range(20):
         bench.samples(4)
-        before, before_us = bench.transactions, bench.chip.now_us
+        before, before_ns = bench.transactions, bench.now_ns
         assert bench.check() == lib.SENSOR_OK
         assert bench.transactions == before + 1
-        assert bench.chip.now_us - before_us <= 400
+        assert bench.now_ns - before_ns <= 400_000
 
 
 @pytest.mark.parametrize("chip", ["inertial", "magnetic"])
 def test_a_chip_that_lost_its_power_alone_is_noticed_by_the_second_check(chip):
     bench = running()
     bench.samples(5)
-    getattr(bench.chip, chip).power_up()
+    getattr(bench, chip).call("power_cycle", bench.now_ns)
+    bench.let_pass(10_000)
     assert lib.SENSOR_UNSET in (bench.check(), bench.check())
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
@@ -218,20 +217,20 @@ def test_a_pulled_wire_is_reported_by_a_check():
 
 def test_a_magnetometer_that_goes_and_comes_back_is_found_again():
     bench = running()
-    bench.chip.absent = {bench.chip.magnetic}
+    bench.magnetic.fault("NACK")
     assert bench.set_up() == lib.SENSOR_OK
     assert set(bench.checks(20)) == {lib.SENSOR_OK}
-    bench.chip.absent = set()
+    bench.magnetic.clear_faults()
     results = bench.checks(2)
     assert results.count(lib.SENSOR_MAG_CHANGED) == 1
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
-    assert bench.field() == (round(0.2 * 6842), 0, round(-0.4 * 6842))
+    assert bench.field() == (0, round(0.2 * 6842), round(-0.4 * 6842))
 
 
 def test_one_that_is_there_and_does_not_work_is_looked_for_ever_later():
     bench = Bench()
-    bench.chip.magnetic.clock.is_silent = True
+    bench.magnetic.fault("NO_DATA_READY")
     waits = []
     for _ in range(4):
         assert bench.set_up() == lib.SENSOR_OK
@@ -245,7 +244,7 @@ def test_one_that_is_there_and_does_not_work_is_looked_for_ever_later():
     while bench.check() == lib.SENSOR_OK:
         waited += 1
     assert waited <= 2 * 256
-    bench.chip.magnetic.clock.is_silent = False
+    bench.magnetic.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
 
@@ -254,10 +253,11 @@ def test_one_that_works_in_set_up_alone_is_left_out_after_three():
     bench = Bench()
     parts = []
     for _ in range(5):
-        bench.chip.magnetic.clock.is_silent = False
+        bench.magnetic.clear_faults()
         assert bench.set_up() == lib.SENSOR_OK
         parts.append((bench.identity.who_am_i[1], bench.identity.self_test >> 6))
-        bench.chip.magnetic.clock.is_silent = True
+        bench.magnetic.fault("NO_DATA_READY")
+        bench.magnetic.get(bench.magnetic_at, 0xA8, 6)  # nothing waits to be read
         looks = 1
         while bench.samples(4) and bench.check() == lib.SENSOR_OK:
             looks += 1
@@ -267,7 +267,7 @@ def test_one_that_works_in_set_up_alone_is_left_out_after_three():
 
 def test_one_that_holds_the_bus_is_addressed_in_three_set_ups():
     bench = Bench()
-    bench.chip.held = {bench.chip.magnetic}
+    bench.magnetic.fault("STUCK_SDA")
     assert [bench.set_up() for _ in range(4)] == [*[lib.SENSOR_BUS_STUCK] * 3, 0]
     assert bench.identity.self_test & lib.SELF_TEST_MAG_FAILED
     assert bench.samples(4)
@@ -275,20 +275,19 @@ def test_one_that_holds_the_bus_is_addressed_in_three_set_ups():
 
 def test_looking_for_a_magnetometer_meets_a_bus_that_is_held():
     bench = Bench()
-    bench.chip.absent = {bench.chip.magnetic}
+    bench.magnetic.fault("NACK")
     assert bench.set_up() == lib.SENSOR_OK
-    bench.chip.absent, bench.chip.held = set(), {bench.chip.magnetic}
+    bench.magnetic.clear_faults()
+    bench.magnetic.fault("STUCK_SDA")
     assert lib.SENSOR_BUS_STUCK in (bench.check(), bench.check())
 
 
 def test_another_chip_at_its_address_is_not_taken_for_it():
-    bench = Bench()
-    bench.chip.magnetic.who = 0x40
-    bench.chip.magnetic.power_up()
+    bench = Bench(magnetic={"who_am_i": 0x40})
     assert bench.set_up() == lib.SENSOR_OK
     assert set(bench.checks(10)) == {lib.SENSOR_OK}
 
 
 def test_an_ism330dhcx_has_the_same_counts():
-    bench = running(Chips(Inertial(0x6B, 0x6B)))
+    bench = running(inertial={"sa0": True, "who_am_i": 0x6B})
     assert axes(bench.sample().acc) == (0, 0, round(1 / 0.488e-3))

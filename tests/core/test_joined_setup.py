@@ -7,24 +7,28 @@ import math
 
 import pytest
 
-from core.joined_chip import Chips, Inertial, Magnetic, ffi, lib
 from core.joined_desk import Bench, running
-from core.sensor_desk import axes
+from core.sensor_desk import axes, ffi, lib
 
 INERTIAL_PASSED = lib.SELF_TEST_ACC_PASSED | lib.SELF_TEST_GYR_PASSED
 ALL_PASSED = INERTIAL_PASSED | lib.SELF_TEST_MAG_PASSED
 
 
 def test_set_up_leaves_the_chips_as_the_documents_want_them():
-    chips = running().chip
-    inertial, magnetic = chips.inertial.registers, chips.magnetic.registers
+    bench = running()
+
+    def registers(chip, first, end):
+        return [chip.peek(reg) for reg in range(first, end)]
+
     # INT1_CTRL, INT2_CTRL: the gyroscope's data-ready on INT1.
-    assert list(inertial[0x0D:0x0F]) == [0x02, 0x00]
+    assert registers(bench.inertial, 0x0D, 0x0F) == [0x02, 0x00]
     # CTRL1_XL to CTRL10_C: 208 Hz, 16 g; 208 Hz, 2000 deg/s; whole blocks, addresses
     # that increase; high performance, no test; I3C off.
-    assert list(inertial[0x10:0x1A]) == [0x54, 0x5C, 0x44, 0, 0, 0, 0, 0, 0xE2, 0]
+    control = registers(bench.inertial, 0x10, 0x1A)
+    assert control == [0x54, 0x5C, 0x44, 0, 0, 0, 0, 0, 0xE2, 0]
     # CTRL_REG1 to 5: ultra-high performance, 80 Hz; 4 gauss; continuous; whole blocks.
-    assert list(magnetic[0x20:0x25]) == [0xFC, 0x00, 0x00, 0x0C, 0x40]
+    assert registers(bench.magnetic, 0x20, 0x25) == [0xFC, 0x00, 0x00, 0x0C, 0x40]
+    assert bench.complaint is None
 
 
 def test_identity_tells_chips_units_and_verdicts():
@@ -46,7 +50,8 @@ def test_identity_tells_chips_units_and_verdicts():
 @pytest.mark.parametrize("inertial", [0x6A, 0x6B])
 @pytest.mark.parametrize("magnetic", [0x1C, 0x1E])
 def test_each_chip_is_found_at_either_of_its_addresses(inertial, magnetic):
-    bench = running(Chips(Inertial(inertial), Magnetic(magnetic)))
+    at = {"inertial": {"sa0": inertial == 0x6B}, "magnetic": {"sa1": magnetic == 0x1E}}
+    bench = running(**at)
     # The status and the field in one burst; bit 7 has the LIS3MDL's addresses increase.
     assert bench.bursts == [(inertial, 0x20, 14), (magnetic, 0xA7, 7)]
     ready = bench.driver.ready
@@ -56,7 +61,7 @@ def test_each_chip_is_found_at_either_of_its_addresses(inertial, magnetic):
 
 @pytest.mark.parametrize("who", [0x6C, 0x6B])
 def test_both_families_run_and_are_named(who):
-    bench = running(Chips(Inertial(who=who)))
+    bench = running(inertial={"who_am_i": who})
     assert list(bench.identity.who_am_i) == [who, 0x3D]
     assert bench.check() == lib.SENSOR_OK
 
@@ -71,7 +76,7 @@ def test_a_relative_has_the_scales_and_delay_of_its_own_row():
     inertial.chip = chip
     config = ffi.new("struct joined_config *", known)
     config.inertial = inertial
-    bench = running(Chips(Inertial(who=0xED)), config=config)
+    bench = running(inertial={"who_am_i": 0xED}, config=config)
     found = {name: getattr(bench.identity, name) for name in row}
     assert found | {"who_am_i": tuple(found["who_am_i"])} == row | {
         "who_am_i": (0xED, 0x3D)
@@ -81,38 +86,35 @@ def test_a_relative_has_the_scales_and_delay_of_its_own_row():
 
 @pytest.mark.parametrize("who", [0x69, 0x6A, 0x6E, 0x71, 0xFF])
 def test_an_inertial_chip_of_another_kind_is_refused_and_named(who):
-    bench = Bench(Chips(Inertial(who=who)))
+    bench = Bench(inertial={"who_am_i": who})
     assert bench.set_up() == lib.SENSOR_WRONG_CHIP
     assert list(bench.identity.who_am_i) == [who, 0]
-    assert not [what for _, what, *_ in bench.chip.log if what == "write"]
+    assert not [what for _, what, *_ in bench.log if what == "write"]
 
 
 @pytest.mark.parametrize("who", [0x00, 0x40, 0x3C, 0xFF])
 def test_a_magnetometer_of_another_kind_is_left_alone(who):
-    bench = running(Chips(magnetic=Magnetic(0x1E, who)))
+    bench = running(magnetic={"sa1": True, "who_am_i": who})
     assert list(bench.identity.who_am_i) == [0x6C, 0]
     assert bench.identity.self_test == INERTIAL_PASSED
-    assert not [
-        at for _, what, at, *_ in bench.chip.log if (what, at) == ("write", 0x1E)
-    ]
+    assert not [at for _, what, at, *_ in bench.log if (what, at) == ("write", 0x1E)]
 
 
 def test_an_lsm6dso32_whose_ranges_are_twice_as_wide_is_told_by_its_force():
-    # It has the LSM6DSO's identity.
-    inertial = Inertial()
-    inertial.g_lsb = {fs: 2 * lsb for fs, lsb in inertial.g_lsb.items()}
-    bench = Bench(Chips(inertial))
+    # It has the LSM6DSO's identity, and says 1 g with half of its counts.
+    bench = Bench(inertial={"acc_self_test_mg": [210, 195, 255]})
+    bench.hold(g=(0, 0, 0.5))
     assert bench.set_up(bound_us=3_000_000) == lib.SENSOR_NO_FORCE
 
 
 def test_a_probe_that_is_shaken_at_first_is_waited_for():
     bench = Bench()
-    bench.chip.inertial.acc_g = (0, 0, 3)
+    bench.hold(g=(0, 0, 3))
     bench.call("begin")
     for _ in range(500):
         assert bench.step() == lib.SENSOR_BUSY
         bench.let_pass(1000)
-    bench.chip.inertial.acc_g = (0, 0, 1)
+    bench.hold()
     while (result := bench.step()) == lib.SENSOR_BUSY:
         bench.let_pass(1000)
     assert result == lib.SENSOR_OK
@@ -121,7 +123,7 @@ def test_a_probe_that_is_shaken_at_first_is_waited_for():
 
 def test_set_up_waits_as_long_as_the_examples_of_st():
     bench = running()
-    log = bench.chip.log
+    log = bench.log
     named = next(t for t, what, at, reg, _ in log if (what, reg) == ("read", 0x0F))
     assert named >= 10_000  # after power
     for address, reg, value_reads, wait_us in (
@@ -146,9 +148,7 @@ def test_int1_is_off_before_a_reset():
     # High, it would have the chip start with I3C alone.
     bench = running()
     assert bench.set_up() == lib.SENSOR_OK
-    writes = [
-        reg for _, what, at, reg, _ in bench.chip.log if (what, at) == ("write", 0x6A)
-    ]
+    writes = [reg for _, what, at, reg, _ in bench.log if (what, at) == ("write", 0x6A)]
     first, second = (
         i for i, reg in enumerate(writes) if writes[i : i + 2] == [0x0D, 0x12]
     )
@@ -158,55 +158,57 @@ def test_int1_is_off_before_a_reset():
 
 def test_data_ready_is_low_where_set_up_ends():
     bench = running()
-    gyr = bench.chip.inertial.gyr
-    assert gyr.made(bench.chip.now_us) == gyr.seen
+    assert not bench.inertial.call("pin_is_high", 0)
 
 
-@pytest.mark.parametrize("chip", ["inertial", "magnetic"])
+@pytest.mark.parametrize(
+    "chip",
+    [
+        {"inertial": {"reset_ns": 15_000_000}},
+        {"magnetic": {"soft_reset_ns": 15_000_000}},
+    ],
+)
 def test_a_reset_that_takes_long_is_waited_for(chip):
-    bench = Bench()
-    getattr(bench.chip, chip).reset_us = 15_000
+    bench = Bench(**chip)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == ALL_PASSED
 
 
 def test_an_inertial_reset_without_end_is_stuck_in_bounded_time():
-    bench = Bench()
-    bench.chip.inertial.reset_us = 1e9
+    bench = Bench(inertial={"reset_ns": 10**15})
     assert bench.set_up() == lib.SENSOR_STUCK
-    assert bench.chip.now_us < 100_000
+    assert bench.now_ns < 100_000_000
 
 
-@pytest.mark.parametrize("name", ["acc", "gyr"])
-def test_an_inertial_sensor_that_never_gets_ready_is_stuck_in_bounded_time(name):
+@pytest.mark.parametrize("quantity", [lib.CHIP_ACC, lib.CHIP_GYR])
+def test_an_inertial_sensor_that_never_gets_ready_is_stuck_in_bounded_time(quantity):
     bench = Bench()
-    clock = getattr(bench.chip.inertial, name)
-    clock.is_silent = True
+    bench.inertial.fault("NO_DATA_READY", value=1 + quantity)
     assert bench.set_up() == lib.SENSOR_STUCK
-    clock.is_silent = False
+    bench.inertial.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
 
 
 def test_one_that_stops_after_its_test_is_stuck_too():
     bench = running()
-    bench.chip.inertial.acc.is_silent = True
+    bench.inertial.fault("NO_DATA_READY", value=1 + lib.CHIP_ACC)
     assert bench.set_up() == lib.SENSOR_STUCK
 
 
 def test_an_inertial_chip_that_does_not_answer_is_a_failed_bus_until_it_does():
     bench = Bench()
-    bench.chip.absent = {bench.chip.inertial}
+    bench.inertial.fault("NACK")
     assert bench.set_up() == lib.SENSOR_BUS_NACK
-    assert [at for *_, at, _, _ in bench.chip.log] == [0x6A, 0x6B]
-    bench.chip.absent = set()
+    assert [at for *_, at, _, _ in bench.log] == [0x6A, 0x6B]
+    bench.inertial.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
 
 
 def test_a_register_that_does_not_keep_its_value_is_named():
     bench = Bench()
-    write = bench.chip.inertial.write
-    bench.chip.inertial.write = lambda reg, value, now: write(
-        reg, value & ~0x0C if (reg, value) == (0x11, 0x5C) else value, now
+    put = bench.inertial.try_put
+    bench.inertial.try_put = lambda address, reg, value: put(
+        address, reg, value & ~0x0C if (reg, value) == (0x11, 0x5C) else value
     )
     # It has 250 deg/s: the answers are clipped, and the register read back differs.
     assert bench.set_up() == lib.SENSOR_UNSET
@@ -215,7 +217,7 @@ def test_a_register_that_does_not_keep_its_value_is_named():
 
 def test_without_a_magnetometer_there_are_six_axes():
     bench = Bench()
-    bench.chip.absent = {bench.chip.magnetic}
+    bench.magnetic.fault("NACK")
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x6C, 0]
     assert bench.identity.self_test == INERTIAL_PASSED
@@ -225,7 +227,7 @@ def test_without_a_magnetometer_there_are_six_axes():
 
 def test_a_magnetometer_that_never_measures_is_left_out_and_told():
     bench = Bench()
-    bench.chip.magnetic.clock.is_silent = True
+    bench.magnetic.fault("NO_DATA_READY")
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x6C, 0]
     assert bench.identity.self_test == INERTIAL_PASSED | lib.SELF_TEST_MAG_FAILED
@@ -233,9 +235,9 @@ def test_a_magnetometer_that_never_measures_is_left_out_and_told():
 
 def test_a_magnetometer_that_holds_the_bus_is_for_the_board_to_free():
     bench = Bench()
-    bench.chip.held = {bench.chip.magnetic}
+    bench.magnetic.fault("STUCK_SDA")
     assert bench.set_up() == lib.SENSOR_BUS_STUCK
-    bench.chip.held = set()
+    bench.magnetic.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
 
@@ -243,21 +245,20 @@ def test_a_magnetometer_that_holds_the_bus_is_for_the_board_to_free():
 @pytest.mark.parametrize(
     ("chip", "name", "weak", "failed"),
     [
-        ("inertial", "acc_response", (0.5, 0.04, 0.5), lib.SELF_TEST_ACC_FAILED),
-        ("inertial", "acc_response", (0.5, 0.5, 1.8), lib.SELF_TEST_ACC_FAILED),
-        ("inertial", "gyr_response", (140, 400, 400), lib.SELF_TEST_GYR_FAILED),
-        ("inertial", "gyr_response", (400, 720, 400), lib.SELF_TEST_GYR_FAILED),
-        ("magnetic", "response", (0.9, 2, 0.5), lib.SELF_TEST_MAG_FAILED),
-        ("magnetic", "response", (2, 3.1, 0.5), lib.SELF_TEST_MAG_FAILED),
-        ("magnetic", "response", (2, 2, 0.09), lib.SELF_TEST_MAG_FAILED),
-        ("magnetic", "response", (2, 2, 1.1), lib.SELF_TEST_MAG_FAILED),
+        ("inertial", "acc_self_test_mg", (500, 40, 500), lib.SELF_TEST_ACC_FAILED),
+        ("inertial", "acc_self_test_mg", (500, 500, 1800), lib.SELF_TEST_ACC_FAILED),
+        ("inertial", "gyr_self_test_dps", (140, 400, 400), lib.SELF_TEST_GYR_FAILED),
+        ("inertial", "gyr_self_test_dps", (400, 720, 400), lib.SELF_TEST_GYR_FAILED),
+        ("magnetic", "self_test_ut", (90, 200, 50), lib.SELF_TEST_MAG_FAILED),
+        ("magnetic", "self_test_ut", (200, 310, 50), lib.SELF_TEST_MAG_FAILED),
+        ("magnetic", "self_test_ut", (200, 200, 9), lib.SELF_TEST_MAG_FAILED),
+        ("magnetic", "self_test_ut", (200, 200, 110), lib.SELF_TEST_MAG_FAILED),
     ],
 )
 def test_a_sensor_that_answers_weakly_or_wildly_fails_its_self_test(
     chip, name, weak, failed
 ):
-    bench = Bench()
-    setattr(getattr(bench.chip, chip), name, weak)
+    bench = Bench(**{chip: {name: weak}})
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == ALL_PASSED & ~(failed >> 4) | failed
     # The verdict is kept: it is not tested again.
@@ -266,30 +267,32 @@ def test_a_sensor_that_answers_weakly_or_wildly_fails_its_self_test(
 
 
 @pytest.mark.parametrize(
-    ("chip", "name", "response", "swing"),
+    ("unit", "weak", "swing"),
     [
-        ("inertial", "acc_g", "acc_response", ((0, 0, 1), (0, 0.15, 1))),
-        ("inertial", "gyr_dps", "gyr_response", ((0, 0, 0), (0, 0, 5))),
-        ("magnetic", "gauss", "response", ((0.2, 0, 0), (0.2, 0.12, 0))),
+        ("g", {"inertial": {"acc_self_test_mg": [0] * 3}}, ((0, 0, 1), (0, 0.15, 1))),
+        ("dps", {"inertial": {"gyr_self_test_dps": [0] * 3}}, ((0, 0, 0), (0, 0, 5))),
+        (
+            "gauss",
+            {"magnetic": {"self_test_ut": [0] * 3}},
+            ((0.2, 0, 0), (0.2, 0.12, 0)),
+        ),
     ],
 )
-def test_a_failure_while_the_probe_moves_is_no_verdict(chip, name, response, swing):
-    bench = Bench()
-    target = getattr(bench.chip, chip)
-    setattr(target, response, (0, 0, 0))
+def test_a_failure_while_the_probe_moves_is_no_verdict(unit, weak, swing):
+    bench = Bench(**weak)
     bench.call("begin")
     turn = 0
     while (result := bench.step()) == lib.SENSOR_BUSY:
-        setattr(target, name, swing[turn // 8 % 2])
+        bench.hold(**{unit: swing[turn // 8 % 2]})
         bench.let_pass(1000)
         turn += 1
     assert result == lib.SENSOR_OK
     flags = bench.identity.self_test
     assert bin(flags).count("1") == 2
     assert flags & ~ALL_PASSED == 0
-    # The next set-up tests again.
-    setattr(target, name, swing[0])
-    answers = {"acc_g": (0.5,) * 3, "gyr_dps": (400,) * 3, "gauss": (2, 2, 0.5)}
-    setattr(target, response, answers[name])
+    # The next set-up tests again: good chips.
+    for address, chip in Bench().chips.items():
+        chip.now = bench.chip.now
+        bench.chips[address] = chip
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == ALL_PASSED

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from core.lsm9ds0_chip import ffi, lib
 from core.lsm9ds0_desk import Bench, block, running
-from core.sensor_desk import axes
+from core.sensor_desk import axes, ffi, lib
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -20,10 +19,8 @@ pytestmark = pytest.mark.sampled(3)
 @pytest.mark.parametrize("raw", [-2048, -2047, -400, -1, 0, 1, 16, 400, 2047])
 @pytest.mark.parametrize("above", [0x0000, 0xF000])  # four bits of no meaning
 def test_temperature_is_right_to_the_ends_of_its_register(raw, above):
-    bench = running()
-    bench.chip.temperature = raw & 0x0FFF | above
-    expected = 2500 + math.floor(raw * 12.5)
-    assert bench.sample().temperature_cdeg == expected
+    sample = running_once().parse(block(temperature=raw & 0x0FFF | above))
+    assert sample.temperature_cdeg == 2500 + math.floor(raw * 12.5)
 
 
 def test_a_sample_carries_the_time_of_its_edge():
@@ -140,7 +137,7 @@ def test_an_acceleration_is_held_for_four_samples_at_most(status):
 def test_an_accelerometer_that_stops_ends_the_samples():
     bench = running()
     bench.samples(10)
-    bench.chip.acc.is_silent = True
+    bench.chip.fault("NO_DATA_READY", value=1 + lib.CHIP_ACC)
     bench.samples(4)
     assert bench.is_refused(bench.take())
 
@@ -148,12 +145,11 @@ def test_an_accelerometer_that_stops_ends_the_samples():
 @pytest.mark.parametrize(("is_fast", "rate_hz"), [(False, 380), (True, 760)])
 @pytest.mark.parametrize("error", [0.9, 0.999, 1.0, 1.001, 1.1])
 def test_each_measurement_of_the_field_arrives_once(is_fast, rate_hz, error):
-    bench = running(is_fast=is_fast)
-    bench.chip.mag.tune(error, bench.chip.now_us)
+    bench = running(is_fast=is_fast, xm_rate_error_ppm=(error - 1) * 1e6)
     fields = []
     for turn in range(rate_hz * 2):
         # No two measurements are equal.
-        bench.chip.mag_gauss = (turn * 0.08e-3, 0, 0)
+        bench.hold(gauss=(turn * 0.08e-3, 0, 0))
         sample = bench.sample()
         if sample.has_mag:
             fields.append(sample.mag.x)
@@ -167,8 +163,7 @@ def test_each_measurement_of_the_field_arrives_once(is_fast, rate_hz, error):
 @pytest.mark.parametrize("is_fast", [False, True])
 @pytest.mark.parametrize("error", [0.96, 0.99, 1.0, 1.01, 1.1])
 def test_each_sample_has_an_acceleration_of_its_own(is_fast, error):
-    bench = running(is_fast=is_fast)
-    bench.chip.acc.tune(error, bench.chip.now_us)
+    bench = running(is_fast=is_fast, xm_rate_error_ppm=(error - 1) * 1e6)
     bench.sample()
     for _ in range(1000):
         bench.sample()
@@ -178,7 +173,7 @@ def test_each_sample_has_an_acceleration_of_its_own(is_fast, error):
 def test_samples_that_were_overwritten_leave_a_gap_before_the_next():
     bench = running()
     assert not bench.sample().has_gap
-    bench.chip.now_us += 6000  # two and more
+    bench.let_pass(6000)  # two and more
     assert bench.sample().has_gap
     assert not bench.sample().has_gap
 

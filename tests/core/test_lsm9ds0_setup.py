@@ -8,23 +8,24 @@ import math
 
 import pytest
 
-from core.lsm9ds0_chip import BOTH_PASSED, XM, Chip, G, lib
-from core.lsm9ds0_desk import Bench, running
-from core.sensor_desk import axes
+from core.lsm9ds0_desk import BOTH_PASSED, XM, Bench, G, running
+from core.sensor_desk import axes, lib
 
 
 @pytest.mark.parametrize(
     ("is_fast", "gyr", "acc"), [(False, 0xBF, 0x9F), (True, 0xFF, 0xAF)]
 )
 def test_set_up_leaves_the_chip_as_the_document_wants_it(is_fast, gyr, acc):
-    chip = running(is_fast=is_fast).chip
-    g, xm = chip.files[G], chip.files[XM]
+    bench = running(is_fast=is_fast)
     # CTRL_REG1_G to 5: rate and low-pass of 100 Hz, all axes on; no high-pass; data-
     # ready on its pin; blocks updated whole, 2000 deg/s, no test; low-passed.
-    assert list(g[0x20:0x25]) == [gyr, 0x00, 0x08, 0xA0, 0x02]
+    registers = [bench.chip.peek(reg, G) for reg in range(0x20, 0x25)]
+    assert registers == [gyr, 0x00, 0x08, 0xA0, 0x02]
     # CTRL_REG0_XM to 7: no FIFO; 800 or 1600 Hz, whole blocks, all axes; 194 Hz, 16 g,
     # no test; no pins; temperature, high resolution, 100 Hz; 2 gauss; continuous.
-    assert list(xm[0x1F:0x27]) == [0x00, acc, 0x60, 0x00, 0x00, 0xF4, 0x00, 0x00]
+    registers = [bench.chip.peek(reg, XM) for reg in range(0x1F, 0x27)]
+    assert registers == [0x00, acc, 0x60, 0x00, 0x00, 0xF4, 0x00, 0x00]
+    assert bench.complaint is None
 
 
 @pytest.mark.parametrize(("is_fast", "rate_hz"), [(False, 380), (True, 760)])
@@ -44,7 +45,7 @@ def test_identity_tells_chip_units_and_verdict(is_fast, rate_hz):
 
 @pytest.mark.parametrize(("gyr", "xm"), [(0x6B, 0x1D), (0x6A, 0x1E), (0x6B, 0x1E)])
 def test_a_sample_is_three_bursts_of_the_halves_where_they_are_wired(gyr, xm):
-    bench = running(Chip(gyr, xm))
+    bench = running(sa0_g=gyr == 0x6B, sa0_xm=xm == 0x1D)
     assert bench.bursts == [(gyr, 0xA7, 7), (xm, 0xA7, 7), (xm, 0x85, 9)]
     assert sum(length for *_, length in bench.bursts) <= lib.BUS_BURST_MAX
     assert axes(bench.sample().acc) == (0, 0, round(1 / 0.732e-3))
@@ -53,17 +54,18 @@ def test_a_sample_is_three_bursts_of_the_halves_where_they_are_wired(gyr, xm):
 def test_set_up_waits_as_long_as_the_documents_want():
     bench = Bench()
     assert bench.set_up(100) == lib.SENSOR_OK
-    log = bench.chip.log
-    named = next(t for t, *what in log if what == ["read", G, 0x0F, 1])
+    g, xm = bench.g_at, bench.xm_at
+    log = [(t, what, at, reg & 0x7F, length) for t, what, at, reg, length in bench.log]
+    named = next(t for t, *what in log if what == ["read", g, 0x0F, 1])
     assert named >= 10_000  # after power
     boots = [
-        t for t, *what in log if what in (["write", G, 0x24, 1], ["write", XM, 0x1F, 1])
+        t for t, *what in log if what in (["write", g, 0x24, 1], ["write", xm, 0x1F, 1])
     ]
     assert len(boots) == 2
-    changes = [t for t, *what in log if what == ["write", G, 0x20, 5]]
+    changes = [t for t, *what in log if what == ["write", g, 0x20, 5]]
     assert len(changes) == 4  # start, run without and with stimulus, samples
     assert changes[0] - boots[1] >= 10_000
-    reads = [t for t, *what in log if what == ["read", G, 0x27, 7]][:-1]
+    reads = [t for t, *what in log if what == ["read", g, 0x27, 7]][:-1]
     assert len(reads) == 64
     assert reads[0] - changes[0] >= 800_000  # the gyroscope's start
     for run, changed in zip((reads[:32], reads[32:]), changes[1:3], strict=True):
@@ -74,8 +76,7 @@ def test_set_up_waits_as_long_as_the_documents_want():
 def test_powered_down_nothing_measures_until_the_next_set_up():
     bench = running()
     assert lib.lsm9ds0_power_down(bench.driver, bench.bus)
-    chip = bench.chip
-    assert (chip.gyr.hz, chip.acc.hz, chip.mag.hz) == (0, 0, 0)
+    assert bench.chip.next_event() == 2**64 - 1
     assert bench.set_up() == lib.SENSOR_OK
     bench.samples(10)
 
@@ -90,97 +91,84 @@ def test_a_chip_that_does_not_answer_is_not_powered_down():
 
 @pytest.mark.parametrize("who", [0x00, 0x49, 0x68, 0xD3, 0xD5, 0xD7, 0xFF])
 def test_a_gyroscope_of_another_kind_is_refused_and_named(who):
-    bench = Bench()
-    bench.chip.files[G][0x0F] = who
+    bench = Bench(who_am_i_g=who)
     assert bench.set_up() == lib.SENSOR_WRONG_CHIP
     assert list(bench.identity.who_am_i) == [who, 0]
-    assert not [what for _, what, *_ in bench.chip.log if what == "write"]
+    assert not [what for _, what, *_ in bench.log if what == "write"]
 
 
 @pytest.mark.parametrize("who", [0x00, 0x41, 0x48, 0x4A, 0xD4, 0xFF])
 def test_another_half_of_another_kind_is_refused_and_named(who):
-    bench = Bench()
-    bench.chip.files[XM][0x0F] = who
+    bench = Bench(who_am_i_xm=who)
     assert bench.set_up() == lib.SENSOR_WRONG_CHIP
     assert list(bench.identity.who_am_i) == [who, 0]
-    assert not [what for _, what, *_ in bench.chip.log if what == "write"]
+    assert not [what for _, what, *_ in bench.log if what == "write"]
 
 
 @pytest.mark.parametrize("half", [G, XM])
 def test_a_half_that_does_not_answer_is_a_failed_bus_until_it_does(half):
     bench = Bench()
-    bench.chip.absent = {half}
+    bench.chip.fault("NACK", die=half)
     assert bench.set_up() == lib.SENSOR_BUS_NACK
-    bench.chip.absent = set()
+    bench.chip.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0xD4, 0x49]
 
 
 def test_a_magnetometer_that_never_measures_leaves_six_axes_and_is_told():
     bench = Bench()
-    bench.chip.mag.is_silent = True
+    bench.chip.fault("NO_MAG")
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0xD4, 0]
     assert bench.identity.self_test == BOTH_PASSED | lib.SELF_TEST_MAG_FAILED
-    bench.chip.mag.is_silent = False  # a loose joint: not to be trusted by halves
+    bench.chip.clear_faults()  # a loose joint: not to be trusted by halves
     samples = bench.samples(40)
     assert not any(sample.has_mag or sample.mag_overflow for sample in samples)
     assert axes(samples[-1].acc) == (0, 0, round(1 / 0.732e-3))
-    assert lib.SENSOR_MAG_CHANGED in (check(bench), check(bench))
+    assert lib.SENSOR_MAG_CHANGED in (bench.check(), bench.check())
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0xD4, 0x49]
     assert bench.identity.self_test == BOTH_PASSED
 
 
-@pytest.mark.parametrize("name", ["gyr", "acc"])
-def test_a_sensor_that_never_gets_ready_is_stuck_in_bounded_time(name):
+@pytest.mark.parametrize("quantity", [lib.CHIP_GYR, lib.CHIP_ACC])
+def test_a_sensor_that_never_gets_ready_is_stuck_in_bounded_time(quantity):
     bench = Bench()
-    sensor = getattr(bench.chip, name)
-    sensor.is_silent = True
+    bench.chip.fault("NO_DATA_READY", value=1 + quantity)
     assert bench.set_up() == lib.SENSOR_STUCK
-    sensor.is_silent = False
+    bench.chip.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
 
 
-@pytest.mark.parametrize("name", ["gyr", "acc", "mag"])
+@pytest.mark.parametrize("quantity", [lib.CHIP_GYR, lib.CHIP_ACC, lib.CHIP_MAG])
 @pytest.mark.parametrize("from_ms", [0, 100, 400, 700])
-def test_a_sensor_that_is_late_with_its_samples_is_waited_for(name, from_ms):
+def test_a_sensor_that_is_late_with_its_samples_is_waited_for(quantity, from_ms):
     bench = Bench()
-    sensor = getattr(bench.chip, name)
-    bench.call("begin")
-    while bench.clock_ns < (from_ms + 40) * 1_000_000:
-        sensor.is_silent = bench.clock_ns >= from_ms * 1_000_000
-        assert bench.step() == lib.SENSOR_BUSY
-        bench.let_pass(1000)
-    sensor.is_silent = False
-    while (result := bench.step()) == lib.SENSOR_BUSY:
-        bench.let_pass(1000)
-    assert result == lib.SENSOR_OK
+    late = {"from_ns": from_ms * 1_000_000, "for_ns": 40_000_000}
+    bench.chip.fault("NO_DATA_READY", value=1 + quantity, **late)
+    assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0xD4, 0x49]
     assert bench.identity.self_test & ~lib.SELF_TEST_MAG_FAILED == BOTH_PASSED
 
 
 def test_data_ready_is_low_where_set_up_ends_and_no_sample_is_missed():
     bench = running()
-    chip = bench.chip
-    assert chip.gyr.made(chip.now_us) == chip.gyr.seen
+    assert not bench.chip.call("pin_is_high", 0)
     assert not bench.sample().has_gap
-
-
-def check(bench: Bench) -> int:
-    return int(bench.call("check", bench.bus))
 
 
 def test_a_magnetometer_that_stops_is_left_out_after_three_set_ups():
     bench = Bench()
     names, looks = [], []
     for _ in range(6):
-        bench.chip.mag.is_silent = False
+        bench.chip.clear_faults()
         assert bench.set_up() == lib.SENSOR_OK
         names.append(bench.identity.who_am_i[1])
-        bench.chip.mag.is_silent = names[-1] != 0
+        if names[-1] != 0:
+            bench.chip.fault("NO_MAG")
+            bench.chip.get(bench.xm_at, 0x88, 6)  # nothing waits to be read
         looks.append(1)
-        while bench.samples(8) and check(bench) == lib.SENSOR_OK:
+        while bench.samples(8) and bench.check() == lib.SENSOR_OK:
             looks[-1] += 1
     assert names == [0x49, 0x49, 0x49, 0, 0x49, 0]
     # Every other look is at its half.
@@ -191,9 +179,9 @@ def test_a_magnetometer_that_stops_is_left_out_after_three_set_ups():
 def test_a_healthy_chip_passes_every_check(is_fast):
     bench = running(is_fast=is_fast)
     for _ in range(20):
-        before_us = bench.chip.now_us
-        assert check(bench) == lib.SENSOR_OK
-        assert bench.chip.now_us - before_us < 350  # of 1316 between two edges
+        before_ns = bench.now_ns
+        assert bench.check() == lib.SENSOR_OK
+        assert bench.now_ns - before_ns < 350_000  # of 1.316 ms between two edges
         bench.samples(3)
 
 
@@ -206,8 +194,8 @@ def test_a_healthy_chip_passes_every_check(is_fast):
 )
 def test_a_register_that_changes_by_itself_is_noticed_by_the_second_check(half, reg):
     bench = running()
-    bench.chip.files[half][reg] ^= 0x41
-    assert lib.SENSOR_UNSET in (check(bench), check(bench))
+    bench.flip(bench.chip, reg, bench.chip.peek(reg, half) ^ 0x41, half)
+    assert lib.SENSOR_UNSET in (bench.check(), bench.check())
     assert bench.identity.wrong_register == reg
     assert bench.set_up() == lib.SENSOR_OK
     assert axes(bench.sample().acc) == (0, 0, round(1 / 0.732e-3))

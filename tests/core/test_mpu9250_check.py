@@ -35,20 +35,12 @@ FLIPS = {
 }
 
 
-def flip(bench: Bench, reg: int, value: int) -> None:
-    bench.fault(
-        lib.CHIP_FAULT_REGISTER_FLIP, from_ns=bench.now_ns, reg=reg, value=value
-    )
-    bench.let_pass(1)
-
-
 def clock_nine_times(bench: Bench) -> bool:
     """Free the bus as a board does; true where the data line is high then."""
-    wire = lib.sensor_chip_wire(bench.chip)
     for _ in range(9):
         bench.now_ns += 10_000
-        lib.i2c_slave_scl_pulse(wire, bench.now_ns)
-    return not lib.i2c_slave_holds_sda(wire, bench.now_ns)
+        bench.chip.pulse()
+    return not bench.chip.holds_sda()
 
 
 def test_a_healthy_chip_passes_every_check_by_one_read_each():
@@ -74,7 +66,7 @@ def check_until_failure(bench: Bench, most: int) -> int:
 @pytest.mark.parametrize(("reg", "value"), FLIPS.items())
 def test_a_register_that_changes_by_itself_is_noticed_within_a_round(reg, value):
     bench = running()
-    flip(bench, reg, value)
+    bench.flip(bench.chip, reg, value)
     assert check_until_failure(bench, ROUND) == lib.SENSOR_UNSET
     assert bench.identity.wrong_register == reg
     assert bench.set_up() == lib.SENSOR_OK
@@ -84,7 +76,7 @@ def test_a_register_that_changes_by_itself_is_noticed_within_a_round(reg, value)
 
 def test_a_chip_that_lost_its_power_alone_is_noticed_by_the_next_check():
     bench = running()
-    bench.fault(lib.CHIP_FAULT_BROWN_OUT, from_ns=bench.now_ns)
+    bench.chip.fault("BROWN_OUT", from_ns=bench.now_ns)
     bench.let_pass(200_000)
     assert check_until_failure(bench, ROUND) == lib.SENSOR_UNSET
     assert bench.set_up() == lib.SENSOR_OK
@@ -99,11 +91,11 @@ def test_a_pulled_wire_is_reported_by_a_check():
 
 def test_an_absent_magnetometer_is_found_when_it_answers():
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_NO_MAG)
+    bench.chip.fault("NO_MAG")
     assert bench.set_up() == lib.SENSOR_OK
     assert all(result >= 0 for result in bench.checks(3 * ROUND))
-    assert bench.register(55) == 0x00, "the bypass is not left on"
-    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
+    assert bench.chip.peek(55) == 0x00, "the bypass is not left on"
+    bench.chip.clear_faults()
     assert check_until_failure(bench, ROUND) == lib.SENSOR_MAG_CHANGED
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x71, 0x48]
@@ -123,7 +115,7 @@ def test_looking_for_a_magnetometer_disturbs_no_sample():
 @pytest.mark.parametrize("clocks", range(1, 10))
 def test_a_magnetometer_that_holds_its_bus_is_clocked_free(clocks):
     bench = running()
-    bench.fault(lib.CHIP_FAULT_MAG_HUNG, from_ns=bench.now_ns, clocks=clocks)
+    bench.chip.fault("MAG_HUNG", from_ns=bench.now_ns, clocks=clocks)
     bench.let_pass(20_000)
     # Its chip waits for it, so that data-ready stops: the probe sets it up again.
     assert bench.set_up() == lib.SENSOR_MAG_STUCK
@@ -137,7 +129,7 @@ def test_a_magnetometer_that_holds_its_bus_is_clocked_free(clocks):
 def test_a_magnetometer_that_holds_its_bus_from_power_on_is_left_out():
     # Nothing will free it, and through the bypass it would hold the host's bus.
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_MAG_HUNG)
+    bench.chip.fault("MAG_HUNG")
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.kind == lib.SENSOR_MPU6500
     assert all(result >= 0 for result in bench.checks(5 * ROUND))
@@ -146,10 +138,10 @@ def test_a_magnetometer_that_holds_its_bus_from_power_on_is_left_out():
 
 def test_a_magnetometer_that_holds_its_bus_as_it_is_looked_for_is_clocked_free():
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_NO_MAG)
+    bench.chip.fault("NO_MAG")
     assert bench.set_up() == lib.SENSOR_OK
-    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
-    bench.fault(lib.CHIP_FAULT_MAG_HUNG, from_ns=bench.now_ns, clocks=4)
+    bench.chip.clear_faults()
+    bench.chip.fault("MAG_HUNG", from_ns=bench.now_ns, clocks=4)
     results = bench.checks(ROUND)
     assert results[-1] == lib.SENSOR_MAG_STUCK
     assert clock_nine_times(bench)
@@ -161,11 +153,11 @@ def spoil(bench: Bench) -> int:
     """A set-up in which the magnetometer holds the bus once it is on the host's."""
     bench.call("begin")
     bench.log.clear()
-    while not bench.log or bench.log[-1][1:] != ("write", 55):
+    while not bench.log or bench.log[-1][1::2] != ("write", 55):
         if (result := bench.step()) != lib.SENSOR_BUSY:
             return result
         bench.let_pass(1000)
-    bench.fault(lib.CHIP_FAULT_MAG_HUNG, from_ns=bench.now_ns, clocks=9)
+    bench.chip.fault("MAG_HUNG", from_ns=bench.now_ns, clocks=9)
     while (result := bench.step()) == lib.SENSOR_BUSY:
         bench.let_pass(1000)
     assert clock_nine_times(bench)
@@ -199,13 +191,13 @@ def kinds_of(bench: Bench, set_ups: int) -> tuple[list[int], list[int]]:
 
 def test_a_magnetometer_that_never_measures_is_left_out_and_tried_ever_later():
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_MAG_IDLE)
+    bench.chip.fault("MAG_IDLE")
     kinds, looks = kinds_of(bench, 8)
     nine, six = lib.SENSOR_MPU9250, lib.SENSOR_MPU6500
     assert kinds == [nine, nine, nine, six, nine, six, nine, six]
     assert looks[0] == 6
     assert [count // ROUND for count in looks[3::2]] == [8, 16, 32]
-    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
+    bench.chip.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
     assert set(bench.checks(ROUND)) == {lib.SENSOR_BUSY, lib.SENSOR_OK}
@@ -222,13 +214,13 @@ def reset_in_the_midst_of_a_read(phase: int, *, stops_the_master: bool) -> Bench
     bench.samples(5)
     bench.next_edge()  # data-ready follows the read
     bench.now_ns += 4_660_000 + phase * 280_000 // PHASES
-    lib.sensor_chip_advance(bench.chip, bench.now_ns)
+    bench.chip.call("advance", bench.now_ns)
     if not stops_the_master:
         value = ffi.new("uint8_t *", 0x80)
-        bench._write_chip(None, 0x68, 107, value, 1)  # H_RESET and nothing before it
+        bench.write_chip(None, 0x68, 107, value, 1)  # H_RESET and nothing before it
         return bench
     bench.call("begin")
-    while bench.register(107) == 0x01 and bench.register(56) == 0x01:
+    while bench.chip.peek(107) == 0x01 and bench.chip.peek(56) == 0x01:
         bench.step()
         bench.let_pass(1000)
     return bench

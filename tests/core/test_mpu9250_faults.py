@@ -20,13 +20,13 @@ pytestmark = pytest.mark.sampled(4)
 @pytest.mark.parametrize("at_byte", [0, 1, 2])
 def test_a_refused_byte_is_told_as_such(at_byte):
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_NACK, first=30, transactions=1_000_000, at_byte=at_byte)
+    bench.chip.fault("NACK", first=30, transactions=1_000_000, at_byte=at_byte)
     assert bench.set_up() == lib.SENSOR_BUS_NACK
 
 
 def test_a_held_data_line_is_a_stuck_bus():
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_STUCK_SDA, from_ns=400_000_000)
+    bench.chip.fault("STUCK_SDA", from_ns=400_000_000)
     assert bench.set_up() == lib.SENSOR_BUS_STUCK
 
 
@@ -40,9 +40,9 @@ def test_a_held_data_line_is_a_stuck_bus():
 )
 def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms, told):
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=from_ms * 1_000_000)
+    bench.chip.fault("NO_DATA_READY", from_ns=from_ms * 1_000_000)
     assert bench.set_up() == told
-    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
+    bench.chip.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.kind == lib.SENSOR_MPU9250
 
@@ -51,21 +51,19 @@ def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms, told):
 @pytest.mark.parametrize("from_ms", [400, 685])
 def test_a_chip_that_is_late_with_its_samples_is_waited_for(from_ms):
     bench = Bench()
-    bench.fault(
-        lib.CHIP_FAULT_NO_DATA_READY, from_ns=from_ms * 1_000_000, for_ns=40_000_000
-    )
+    bench.chip.fault("NO_DATA_READY", from_ns=from_ms * 1_000_000, for_ns=40_000_000)
     assert bench.set_up() == lib.SENSOR_OK
 
 
 def test_an_mpu_6500_that_never_gets_ready_is_stuck_too():
     bench = Bench(who_am_i=0x70, has_ak8963=False)
-    bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=630_000_000)
+    bench.chip.fault("NO_DATA_READY", from_ns=630_000_000)
     assert bench.set_up() == lib.SENSOR_STUCK
 
 
 def test_a_chip_whose_power_went_is_set_up_again():
     bench = running()
-    lib.sensor_chip_power_cycle(bench.chip, bench.now_ns)
+    bench.chip.call("power_cycle", bench.now_ns)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == HOST_JUDGES
     assert bench.settled().acc.z == pytest.approx(G / ACC_LSB, abs=1)

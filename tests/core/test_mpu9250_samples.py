@@ -27,7 +27,7 @@ def test_field_arrives_in_the_frame_of_the_other_sensors(adjust, axis, value):
     bench = running(mag_adjust=list(adjust))
     mag = [0.0, 0.0, 0.0]
     mag[axis] = value
-    bench.hold(mag=tuple(mag))
+    bench.chip.hold(mag=tuple(mag))
     # A count of the chip, adjusted by 0.5 to 1.5, rounded twice.
     expected = [pytest.approx(component / MAG_LSB, abs=1.5) for component in mag]
     assert list(axes(bench.settled_mag())) == expected
@@ -36,7 +36,7 @@ def test_field_arrives_in_the_frame_of_the_other_sensors(adjust, axis, value):
 @pytest.mark.parametrize("celsius", [-40.0, 0.0, 20.99, 21.0, 36.6, 85.0])
 def test_temperature_arrives_in_hundredths_of_a_degree(celsius):
     bench = running()
-    lib.sensor_chip_set_temperature(bench.chip, celsius)
+    bench.chip.call("set_temperature", celsius)
     # One count of the chip is 0.3 of a unit.
     assert bench.settled().temperature_cdeg == pytest.approx(celsius * 100, abs=1)
 
@@ -90,11 +90,11 @@ def test_clipping_is_the_ends_of_the_range_of_any_axis(axis, count, is_clipped):
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_motion_beyond_the_ranges_is_clipped_and_said_so(sign):
     bench = running()
-    bench.hold(gyr=(0, sign * 40.0, 0), acc=(sign * 170.0, 0, 0))
+    bench.chip.hold(gyr=(0, sign * 40.0, 0), acc=(sign * 170.0, 0, 0))
     sample = bench.settled()
     assert sample.acc_clipped
     assert sample.gyr_clipped
-    bench.hold(gyr=(0, sign * 34.0, 0), acc=(sign * 150.0, 0, 0))
+    bench.chip.hold(gyr=(0, sign * 34.0, 0), acc=(sign * 150.0, 0, 0))
     sample = bench.settled()
     assert not sample.acc_clipped
     assert not sample.gyr_clipped
@@ -102,11 +102,11 @@ def test_motion_beyond_the_ranges_is_clipped_and_said_so(sign):
 
 def test_a_field_beyond_the_range_is_an_overflow_and_no_reading():
     bench = running()
-    bench.hold(mag=(4000, 3000, 0))  # the sum of magnitudes is what counts
+    bench.chip.hold(mag=(4000, 3000, 0))  # the sum of magnitudes is what counts
     samples = bench.samples(16)[8:]
     assert not any(sample.has_mag for sample in samples)
     assert 3 <= sum(sample.mag_overflow for sample in samples) <= 5
-    bench.hold(mag=(0, 20, -40))
+    bench.chip.hold(mag=(0, 20, -40))
     assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
 
 
@@ -200,7 +200,7 @@ def test_clocks_that_differ_double_nothing_and_lose_little(ppm):
     fields = []
     for turn in range(2000):
         # No two measurements are equal; more than the field that was held before.
-        bench.hold(mag=(0, 21 + 0.5 * turn, 0))
+        bench.chip.hold(mag=(0, 21 + 0.5 * turn, 0))
         sample = bench.sample()
         if sample.has_mag:
             fields.append(sample.mag.y)

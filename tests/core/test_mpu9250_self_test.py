@@ -54,7 +54,7 @@ def test_the_answers_to_the_stimulus_are_kept_for_a_host():
 @pytest.mark.parametrize(("kind", "weak"), [("ACC", range(3)), ("GYR", range(3, 6))])
 def test_a_weak_response_is_told_as_it_is(kind, weak):
     bench = Bench()
-    bench.fault(getattr(lib, f"CHIP_FAULT_{kind}_SELF_TEST"))
+    bench.chip.fault(f"{kind}_SELF_TEST")
     readings = set_up(bench)
     for axis, (rest, value) in enumerate(
         zip(AT_REST, readings["stimulated"], strict=True)
@@ -89,7 +89,7 @@ def turning(bench: Bench) -> int:
     while (result := bench.step()) == lib.SENSOR_BUSY:
         angle = bench.now_ns * 1e-9 * 2 * math.pi * 1.5
         rate = 60 * DEGREE * math.sin(angle)
-        bench.hold(gyr=(rate, -rate / 2, 0), acc=(3 * math.cos(angle), 0, G))
+        bench.chip.hold(gyr=(rate, -rate / 2, 0), acc=(3 * math.cos(angle), 0, G))
         bench.let_pass(STEP_US)
     return result
 
@@ -105,8 +105,8 @@ def test_motion_is_seen_in_the_rates_without_the_stimulus():
 def test_the_inertial_answers_are_kept_over_another_set_up():
     bench = running()
     first = answers(bench)
-    bench.fault(lib.CHIP_FAULT_GYR_SELF_TEST)
-    bench.fault(lib.CHIP_FAULT_ACC_SELF_TEST)
+    bench.chip.fault("GYR_SELF_TEST")
+    bench.chip.fault("ACC_SELF_TEST")
     assert set_up(bench) == first
 
 
@@ -152,7 +152,7 @@ def test_a_probe_that_falls_at_its_start_is_set_up_once_it_lies():
     bench = scripted(**chip)
     assert bench.set_up() == lib.SENSOR_NO_FORCE
     bench = running()
-    bench.hold(acc=(0, 0, 0.2 * G))
+    bench.chip.hold(acc=(0, 0, 0.2 * G))
     assert bench.set_up() == lib.SENSOR_OK  # its force was seen at the first set-up
 
 
@@ -161,6 +161,6 @@ def test_a_shaken_probe_passes_gravity_and_is_set_up():
     bench.call("begin")
     while (result := bench.step()) == lib.SENSOR_BUSY:
         swing = math.sin(bench.now_ns * 1e-9 * 2 * math.pi * 3)
-        bench.hold(acc=(0, 0, G * (1 + 0.9 * swing)))
+        bench.chip.hold(acc=(0, 0, G * (1 + 0.9 * swing)))
         bench.let_pass(STEP_US)
     assert result == lib.SENSOR_OK

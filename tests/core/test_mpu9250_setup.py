@@ -23,15 +23,15 @@ def test_set_up_leaves_the_chip_as_the_documents_want_it():
     bench = running()
     assert bench.complaint is None
     # Register map, by number: rate divider, filters, ranges.
-    assert [bench.register(reg) for reg in range(25, 30)] == [4, 2, 0x18, 0x18, 2]
-    assert bench.register(36) == 0x4D  # wait for external sensors, 400 kHz
-    assert [bench.register(reg) for reg in (37, 38, 39)] == [0x8C, 0x02, 0x88]
-    assert bench.register(55) == 0x00  # INT: pulse, push-pull, active high
-    assert bench.register(56) == 0x01  # data-ready
-    assert bench.register(106) == 0x20  # the I2C master is on
-    assert bench.register(107) == 0x01  # awake, clock by the gyroscope
-    assert bench.mag_register(0x0A) == 0x16  # 100 Hz, 16 bits
-    assert bench.mag_register(0x0C) == 0x00  # no self-test field
+    assert [bench.chip.peek(reg) for reg in range(25, 30)] == [4, 2, 0x18, 0x18, 2]
+    assert bench.chip.peek(36) == 0x4D  # wait for external sensors, 400 kHz
+    assert [bench.chip.peek(reg) for reg in (37, 38, 39)] == [0x8C, 0x02, 0x88]
+    assert bench.chip.peek(55) == 0x00  # INT: pulse, push-pull, active high
+    assert bench.chip.peek(56) == 0x01  # data-ready
+    assert bench.chip.peek(106) == 0x20  # the I2C master is on
+    assert bench.chip.peek(107) == 0x01  # awake, clock by the gyroscope
+    assert bench.chip.peek(0x0A, 2) == 0x16  # 100 Hz, 16 bits
+    assert bench.chip.peek(0x0C, 2) == 0x00  # no self-test field
 
 
 def test_identity_tells_chip_units_and_verdict():
@@ -47,14 +47,13 @@ def test_identity_tells_chip_units_and_verdict():
 
 
 def test_a_burst_is_one_read_of_all_sensors():
-    burst = running().burst
-    assert (burst.address, burst.reg, burst.length) == (0x68, 0x3B, 22)
+    assert running().bursts == [(0x68, 0x3B, 22)]
 
 
 def test_set_up_waits_as_long_as_the_documents_want():
     bench = Bench()
     assert bench.set_up(100) == lib.SENSOR_OK
-    log = bench.log
+    log = [(us / 1e3, what, reg) for us, what, _, reg, _ in bench.log]
     resets, wakes = (
         [t for t, *what in log if what == ["write", 107]][i] for i in (0, 1)
     )
@@ -75,7 +74,7 @@ def test_set_up_waits_as_long_as_the_documents_want():
 @pytest.mark.parametrize("who", [0x00, 0xFF])
 def test_a_bus_that_nobody_drives_is_no_chip(who):
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_WRONG_WHO_AM_I, value=who)
+    bench.chip.fault("WRONG_WHO_AM_I", value=who)
     assert bench.set_up() == lib.SENSOR_WRONG_CHIP
     assert bench.identity.who_am_i[0] == who
 
@@ -141,8 +140,8 @@ def assert_six_axes(bench: Bench) -> None:
     assert bench.identity.who_am_i[1] == 0
     assert list(bench.identity.mag_adjust) == [0, 0, 0]
     assert bench.identity.self_test == HOST_JUDGES
-    assert bench.burst.length == 14
-    bench.hold(gyr=(1, 0, 0))
+    assert bench.bursts[0][2] == 14
+    bench.chip.hold(gyr=(1, 0, 0))
     samples = bench.samples(20)
     assert not any(sample.has_mag or sample.mag_overflow for sample in samples)
     assert samples[-1].gyr.x == pytest.approx(1 / GYR_LSB, abs=1)
@@ -161,16 +160,16 @@ def test_a_counterfeit_without_magnetometer_is_a_six_axis_probe():
     assert bench.identity.kind == lib.SENSOR_MPU6500
     assert_six_axes(bench)
     assert (
-        bench.register(106) == 0x00
+        bench.chip.peek(106) == 0x00
     )  # no master that polls without an answer at each sample
 
 
 def test_a_magnetometer_that_comes_back_is_found_by_the_next_set_up():
     bench = Bench()
-    bench.fault(lib.CHIP_FAULT_NO_MAG)
+    bench.chip.fault("NO_MAG")
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.who_am_i[1] == 0
-    lib.i2c_slave_clear_faults(lib.sensor_chip_wire(bench.chip))
+    bench.chip.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x71, 0x48]
     assert bench.identity.self_test == HOST_JUDGES
@@ -184,7 +183,7 @@ def test_another_chip_at_the_magnetometers_address_is_not_used(mag_id):
     assert writes == []
     assert bench.identity.kind == lib.SENSOR_MPU6500
     assert bench.identity.who_am_i[1] == 0
-    assert bench.burst.length == 14
+    assert bench.bursts[0][2] == 14
 
 
 @pytest.mark.parametrize(("refusals", "is_found"), [(1, True), (50, True), (51, False)])

@@ -99,8 +99,6 @@ static void measure_field(struct lis3mdl_chip *chip) {
         counts_per_gauss[(reg[REG_CTRL2] >> FS_SHIFT) & FS_MASK] / UT_PER_GAUSS;
     // DS table 20: by OM, the rate of FAST_ODR; a measurement takes as long.
     static const double fast_hz[4] = {1000.0, 560.0, 300.0, 155.0};
-    // Of a good part, AN: 1 to 3 gauss in X and Y, 0.1 to 1 in Z.
-    static const double self_test_ut[AXES] = {200.0, 200.0, 50.0};
     const int mode = (reg[REG_CTRL1] >> OM_SHIFT) & OM_MASK;
     const double takes_ns = 1e9 / (fast_hz[mode] * clock_factor(chip));
     const int64_t now = (int64_t)chip->base.wire.now_ns;
@@ -108,7 +106,8 @@ static void measure_field(struct lis3mdl_chip *chip) {
     chip_motion_mean(&chip->base.motion, CHIP_MAG, now - (int64_t)llround(takes_ns),
                      now, field_ut);
     for (int axis = 0; axis < AXES; axis++) {
-        const double more_ut = reg[REG_CTRL1] & ST ? self_test_ut[axis] : 0.0;
+        const double more_ut =
+            reg[REG_CTRL1] & ST ? chip->config.self_test_ut[axis] : 0.0;
         chip->words.latest[axis] =
             chip_motion_to_counts((field_ut[axis] + more_ut) * scale, INT16_MAX);
     }
@@ -134,7 +133,7 @@ static void take_sample(struct lis3mdl_chip *chip) {
     const struct st_output output = output_of(chip);
     chip->tick++;
     set_next_tick(chip);
-    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, DIE)) {
+    if (sensor_chip_is_silent(&chip->base, CHIP_MAG, DIE)) {
         return;
     }
     chip->samples++;
@@ -319,6 +318,8 @@ struct lis3mdl_chip_config lis3mdl_chip_defaults(void) {
         .sensor = {.temperature_c = 25.0, .startup_ns = 10 * MS},
         .soft_reset_ns = 100 * US,  // no document says
         .who_am_i = 0x3D,           // LX, AD
+        // AN: 1 to 3 gauss in X and Y, 0.1 to 1 in Z.
+        .self_test_ut = {200.0, 200.0, 50.0},
     };
 }
 

@@ -199,21 +199,22 @@ static void sense_gyro(struct lsm6dsox_chip *chip, double counts[AXES]) {
     // By FS_G and for FS_125: SO and DS: 250, 500, 1000, 2000, 125 deg/s.
     static const double mdps_per_count[] = {8.75, 17.50, 35.0, 70.0, 4.375};
     // SO table 2: 20 to 80 deg/s at 250, 150 to 700 at 2000.
-    static const double response_dps[] = {50.0, 100.0, 200.0, 400.0, 50.0};
+    static const double response_part[] = {0.125, 0.25, 0.5, 1.0, 0.125};
     static const double sign[4] = {0, 1, 0, -1};  // DS table 55
     const uint8_t ctrl2 = chip->die.reg[REG_CTRL2_G];
     const int range = ctrl2 & FS_125 ? 4 : (ctrl2 >> FS_SHIFT) & FS_MASK;
     const uint8_t test = (chip->die.reg[REG_CTRL5_C] >> ST_G_SHIFT) & ST_MASK;
-    const double more_dps =
+    const double part =
         sign[test] * sensor_chip_response(&chip->base, CHIP_FAULT_GYR_SELF_TEST, DIE) *
-        response_dps[range];
+        response_part[range];
     const bool is_good =
         chip->base.wire.now_ns - chip->gyr_on_ns >= chip->config.gyr_turn_on_ns;
     double mean[AXES];
     sensor_chip_low_passed(&chip->base, CHIP_GYR, lowpass[code_of(chip, GYR)],
                            period_ns(chip, GYR), mean);
     for (int axis = 0; axis < AXES; axis++) {
-        const double dps = mean[axis] / RAD_PER_DEG + more_dps;
+        const double dps =
+            mean[axis] / RAD_PER_DEG + part * chip->config.gyr_self_test_dps[axis];
         counts[axis] = is_good ? dps * 1000.0 / mdps_per_count[range] : 0.0;
     }
 }
@@ -224,8 +225,7 @@ static void sense_accel(struct lsm6dsox_chip *chip, double counts[AXES]) {
                                               1.93,  1.03,  0.58,  0.36, 0.25};
     // AD: the code's order is 2, 16, 4, 8 g, as DS table 45 has 4, 32, 8, 16 g.
     static const double mg_per_count[4] = {0.061, 0.488, 0.122, 0.244};
-    static const double response_mg[AXES] = {420.0, 390.0, 510.0};  // SO: 50 to 1700
-    static const double sign[4] = {0, 1, -1, 0};                    // DS table 56
+    static const double sign[4] = {0, 1, -1, 0};  // DS table 56
     const uint8_t *reg = chip->die.reg;
     const double mg = mg_per_count[(reg[REG_CTRL1_XL] >> FS_SHIFT) & FS_MASK];
     const double test =
@@ -237,8 +237,9 @@ static void sense_accel(struct lsm6dsox_chip *chip, double counts[AXES]) {
     double mean[AXES];
     sensor_chip_low_passed(&chip->base, CHIP_ACC, lowpass, period, mean);
     for (int axis = 0; axis < AXES; axis++) {
-        counts[axis] =
-            (mean[axis] * 1000.0 / STANDARD_GRAVITY + test * response_mg[axis]) / mg;
+        counts[axis] = (mean[axis] * 1000.0 / STANDARD_GRAVITY +
+                        test * chip->config.acc_self_test_mg[axis]) /
+                       mg;
     }
 }
 
@@ -282,7 +283,7 @@ static void take_sample(struct lsm6dsox_chip *chip, enum source source) {
     struct sensor *sensor = &chip->sensors[source];
     sensor->tick += sensor->divider;
     set_next_tick(chip, source);
-    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, DIE)) {
+    if (sensor_chip_is_silent(&chip->base, (enum chip_quantity)source, DIE)) {
         return;
     }
     sensor->samples++;
@@ -558,6 +559,8 @@ struct lsm6dsox_chip_config lsm6dsox_chip_defaults(void) {
         .reset_ns = 50 * US,        // AN5192, memory; LX waits 50 ms
         .gyr_turn_on_ns = 70 * MS,  // AN table 14, the maximum; DS table 4 has 35
         .who_am_i = 0x6C,           // DS table 41; AD: LSM6DSOX_CHIP_ID
+        .gyr_self_test_dps = {400.0, 400.0, 400.0},
+        .acc_self_test_mg = {420.0, 390.0, 510.0},  // SO: 50 to 1700
     };
 }
 

@@ -150,8 +150,8 @@ struct lsm9ds0_chip_config lsm9ds0_chip_defaults(void) {
         .mag_sign = {1, 1, -1},
         .sa0_g = true,
         .sa0_xm = true,
-        // DS table 3: 20 to 250, 70 to 400 and 150 to 1000 deg/s; 60 to 1700 mg.
-        .gyr_self_test_dps = {130.0, 200.0, 530.0},
+        // DS table 3: 150 to 1000 deg/s; 60 to 1700 mg. ST 01: x up, y and z down.
+        .gyr_self_test_dps = {530.0, -530.0, -530.0},
         .acc_self_test_mg = {310.0, 290.0, 520.0},
     };
 }

@@ -73,15 +73,14 @@ static void sense_gyro(struct lsm9ds0_chip *chip, double counts[AXES]) {
     static const double bandwidth_hz[4][4] = {
         {12.5, 25, 25, 25}, {12.5, 25, 50, 70}, {20, 25, 50, 100}, {30, 35, 50, 100}};
     static const double mdps_per_count[4] = {8.75, 17.50, 70, 70};  // DS table 3: G_So
-    // 01: x up, y and z down; 11: the other way round.
-    static const double self_test_sign[4][AXES] = {
-        {0, 0, 0}, {1, -1, -1}, {0, 0, 0}, {-1, 1, 1}};
+    // DS table 3: 20 to 250, 70 to 400 and 150 to 1000 deg/s.
+    static const double response_part[4] = {0.25, 0.375, 1.0, 1.0};
+    static const double self_test_sign[4] = {0, 1, 0, -1};
     const uint8_t ctrl1 = chip->g.reg[REG_CTRL1_G];
     const uint8_t ctrl4 = chip->g.reg[REG_CTRL4_G];
     const int range = (ctrl4 >> G_FS_SHIFT) & 0x03;
-    const double *sign = self_test_sign[(ctrl4 >> G_ST_SHIFT) & 0x03];
-    const double response_dps =
-        chip->config.gyr_self_test_dps[range > 2 ? 2 : range] *
+    const double part =
+        self_test_sign[(ctrl4 >> G_ST_SHIFT) & 0x03] * response_part[range] *
         sensor_chip_response(&chip->base, CHIP_FAULT_GYR_SELF_TEST, LSM9DS0_CHIP_G);
     const bool is_good =
         chip->base.wire.now_ns - chip->gyr_on_ns >= chip->config.gyr_turn_on_ns;
@@ -89,7 +88,8 @@ static void sense_gyro(struct lsm9ds0_chip *chip, double counts[AXES]) {
     low_passed(chip, CHIP_GYR,
                bandwidth_hz[ctrl1 >> G_DR_SHIFT][(ctrl1 >> G_BW_SHIFT) & 0x03], mean);
     for (int axis = 0; axis < AXES; axis++) {
-        const double dps = mean[axis] / RAD_PER_DEG + sign[axis] * response_dps;
+        const double dps =
+            mean[axis] / RAD_PER_DEG + part * chip->config.gyr_self_test_dps[axis];
         counts[axis] = is_good ? dps * 1000.0 / mdps_per_count[range] : 0.0;
     }
 }
@@ -159,7 +159,7 @@ void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip, enum chip_quantity quan
     const uint8_t die = lsm9ds0_chip_die_of(quantity);
     sensor->tick++;
     lsm9ds0_chip_set_next_tick(chip, quantity);
-    if (sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_DATA_READY, die) ||
+    if (sensor_chip_is_silent(&chip->base, quantity, die) ||
         (quantity == CHIP_MAG &&
          sensor_chip_suffers(&chip->base, CHIP_FAULT_NO_MAG, die))) {
         return;

@@ -49,6 +49,9 @@ void sensor_chip_complain_of(struct sensor_chip *chip, const char *name,
 // Whether a fault of that kind is active on a die (0: whichever it is of).
 bool sensor_chip_suffers(const struct sensor_chip *chip, enum chip_fault_kind kind,
                          uint8_t die);
+// Whether a fault has a sensor take no samples.
+bool sensor_chip_is_silent(const struct sensor_chip *chip, enum chip_quantity quantity,
+                           uint8_t die);
 // The part of a self-test's response that a fault leaves: all, or a tenth.
 double sensor_chip_response(const struct sensor_chip *chip, enum chip_fault_kind kind,
                             uint8_t die);

@@ -129,6 +129,13 @@ bool sensor_chip_suffers(const struct sensor_chip *chip, enum chip_fault_kind ki
     return i2c_slave_find_fault(&chip->wire, kind, die) != NULL;
 }
 
+bool sensor_chip_is_silent(const struct sensor_chip *chip, enum chip_quantity quantity,
+                           uint8_t die) {
+    const struct chip_fault *fault =
+        i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_DATA_READY, die);
+    return fault != NULL && (fault->value == 0 || fault->value == quantity + 1);
+}
+
 double sensor_chip_response(const struct sensor_chip *chip, enum chip_fault_kind kind,
                             uint8_t die) {
     return sensor_chip_suffers(chip, kind, die) ? 0.1 : 1.0;

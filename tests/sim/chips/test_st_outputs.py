@@ -215,6 +215,16 @@ def test_data_ready_can_stop(sensor: Sensor) -> None:
     assert sensor.samples() - before == pytest.approx(usual, abs=1)
 
 
+def test_data_ready_of_one_sensor_alone_can_stop(sensor: Sensor) -> None:
+    sensor.chip.fault("NO_DATA_READY", value=1 + (sensor.quantity + 1) % 3)
+    sensor.sample()
+    sensor.chip.clear_faults()
+    sensor.chip.fault("NO_DATA_READY", value=1 + sensor.quantity)
+    before = sensor.samples()
+    sensor.chip.wait(100)
+    assert sensor.samples() == before
+
+
 def test_outputs_can_freeze_while_data_ready_goes_on(sensor: Sensor) -> None:
     frozen = sensor.counts()
     sensor.chip.fault("FROZEN")
