@@ -318,8 +318,8 @@ _ROWS = (
     ProbeCommand("close", "close the path of a probe's strokes", by_daemon=True),
     ProbeCommand(
         "configure",
-        "rename a probe permanently, or start or stop its log until the daemon "
-        "reloads its configuration",
+        "rename a probe or choose what its button does, permanently; or start or stop "
+        "its log until the daemon reloads its configuration",
         (
             Argument(
                 "rename",
@@ -332,8 +332,15 @@ _ROWS = (
                 ),
             ),
             Argument("log", "choice", {"on": 1, "off": 0}, is_optional=True),
+            Argument(
+                "button",
+                "text",
+                limits="what its click, double click, hold and long hold do",
+                is_optional=True,
+            ),
         ),
-        needs="rename=NAME or log=on or off",
+        needs="rename=NAME, log=on or off, or button=CLICK,DOUBLE,HOLD,LONG of none, "
+        "stream, stroke, path, origin, undo and mark",
         by_daemon=True,
         example="imud name 00112233445566aa stylus",
         typed_help="give a probe a name",

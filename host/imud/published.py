@@ -161,6 +161,7 @@ class Command(About, frozen=True, kw_only=True):
     command: str
     parameters: dict[str, Any]
     by: str
+    refused: str | None = None
 
 
 class Twin(Numbered, frozen=True, kw_only=True):

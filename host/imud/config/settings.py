@@ -316,6 +316,13 @@ class JournalSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = 10.0
 
 
+ButtonAction = Literal["none", "stream", "stroke", "path", "origin", "undo", "mark"]
+# Of a click, a double click, a hold of 1 to 3 s, and one of 3 to 10 s.
+ButtonTable = tuple[ButtonAction, ButtonAction, ButtonAction, ButtonAction]
+GESTURES = ("click", "double", "hold", "long")
+BUTTON: ButtonTable = ("none", "path", "stroke", "none")
+
+
 class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Settings of one probe. What is left out stays as the probe has it."""
 
@@ -342,6 +349,14 @@ class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(description="compute its poses on the host, from all its raw samples"),
     ] = False
     log: Annotated[bool, Meta(description="log its messages")] = True
+    button: Annotated[
+        ButtonTable | None,
+        Meta(
+            description="what a click, a double click, a hold of 1 s and one of 3 s of "
+            "its button do, with `button_does = tell` in its params",
+            examples=[BUTTON],
+        ),
+    ] = None
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -18,11 +18,20 @@ from imud.daemon.params_history import HistoryFiles
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, ImudError
 from imud.net.queries import Answer
+from imud.params.value import Params
 from imud.probes.aim import Aim, Target
 from imud.probes.mark import MarkBook, mark_of
 from imud.probes.timeline import host_ns
 
 MARK = COMMANDS["mark"]
+BUTTON = "button"  # who gave a command by a gesture
+# What gestures of a button ask for, besides the stream and strokes.
+ORDERS = {
+    "origin": ("tare", {"what": "all"}),
+    "undo": ("tare", {"what": "undo"}),
+    "path": ("close", {}),
+    "mark": ("mark", {"text": "by its button"}),
+}
 WORDS = ("unit", "text")
 # An older pose does not tell where the probe is now.
 AGE_MAX_NS = 1_000_000_000
@@ -191,6 +200,21 @@ class CommandRunner:
                 parameters, by = request.parameters, request.by
                 self._intake.tell_command(entry, command, parameters, by)
 
+    async def by_button(self, entry: ProbeEntry, action: str) -> None:
+        """Carries out what a gesture of its button asks for, which is told to all; also
+        that it was refused.
+        """
+        is_on = entry.counters.get("state") == "streaming"
+        command, words = ORDERS.get(action, ("stop" if is_on else "start", {}))
+        refused = None
+        try:
+            if action == "origin" and "starting" in entry.pose.get("flags", ()):
+                raise CommandRefused("wait until it has found level and north")
+            await self.run(Request(entry.name, command, words, BUTTON))
+        except ImudError as error:
+            refused = str(error)
+        self._intake.tell_command(entry, command, words, BUTTON, refused)
+
     def _entry(self, request: Request) -> ProbeEntry:
         return self._commander.entry_of(request.probe)
 
@@ -217,8 +241,22 @@ class CommandRunner:
         return self._intake.mark(entry, made)
 
     async def _configure(self, request: Request) -> dict[str, bool]:
-        probe_id = self._entry(request).probe.probe_id
-        return {"is_kept": await self._configure_probe(probe_id, request.parameters)}
+        entry = self._entry(request)
+        button = request.parameters.get("button")
+        kept = await self._configure_probe(entry.probe.probe_id, request.parameters)
+        if button is not None:
+            await self._set_button(entry, "tell" if button else "stream")
+        return {"is_kept": kept}
+
+    async def _set_button(self, entry: ProbeEntry, does: str) -> None:
+        if entry.probe.params is None:
+            raise CommandRefused(f"the params of {entry.name} are not known yet; retry")
+        params = Params.decode(entry.probe.params)
+        options = msgspec.structs.asdict(params.options)
+        if options["button_does"] != does:
+            records = params.replaced("options", options | {"button_does": does})
+            words = {"records": records.encode().hex()}
+            await self._params.command(entry.name, words)
 
     async def _lend(self, request: Request) -> str:
         """The name of the port."""

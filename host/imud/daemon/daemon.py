@@ -95,6 +95,7 @@ class Daemon:
         self._intake.params.keep = self._history.keep
         self._intake.on_reply = self._commander.handle_reply
         self._intake.on_found = self._begin_set_up
+        self._intake.on_gesture = self._begin_gesture
         self._intake.stages.on_commands = self._begin_commands
         self._tasks: set[asyncio.Task[None]] = set()
         self._setting_up: dict[str, asyncio.Task[None]] = {}
@@ -321,15 +322,25 @@ class Daemon:
         self._journal.write(("fault", words), text, is_warning=True)
 
     async def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> bool:
-        """Returns whether that is kept: a name is that the file has no other for."""
+        """Returns whether that is kept: what the file of settings has nothing for."""
         async with self._changing:
-            before, name = self._config, parameters.get("rename")
+            before, is_kept = self._config, False
             after = configured(before, probe_id, parameters)
-            is_kept = name is not None and not self._of_file.settings_of(probe_id).name
-            if is_kept:  # first: a name that can't be kept is not given
-                await self._in_thread(names.keep, before, probe_id, str(name))
+            of_file = self._of_file.settings_of(probe_id)
+            for key, file, told in (
+                ("rename", names.FILE, of_file.name),
+                ("button", names.BUTTONS, of_file.button),
+            ):
+                if key in parameters and not told:
+                    # First: a name that can't be kept is not given.
+                    text, is_kept = parameters[key], True
+                    await self._in_thread(names.keep, before, probe_id, text, file)
             await self._apply(before, after, self._outputs.keys)
             return is_kept
+
+    def _begin_gesture(self, entry: ProbeEntry, action: str) -> None:
+        if action not in ("none", "stroke"):  # the filter makes strokes
+            self._start(self._runner.by_button(entry, action))
 
     def _begin_set_up(self, name: str) -> None:
         before = self._setting_up.get(name)

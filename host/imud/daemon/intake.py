@@ -21,6 +21,7 @@ from imud.daemon.sensor_watch import follow_event, follow_status, sensor_finding
 from imud.daemon.stage_runner import StageRunner
 from imud.errors import CommandRefused
 from imud.journal.output import Journal
+from imud.probes.gestures import Gestures
 from imud.probes.mark import MARKS, MarkBook
 from imud.probes.record import equipment_of, record_of
 from imud.probes.session import (
@@ -38,12 +39,15 @@ from imud.stages.factory import stages_of
 
 Values = Mapping[str, Any]
 
+# The state of a probe from an event on.
+STREAMING = {"stream_started": "streaming", "stream_stopped": "idle"}
 SHORT = 60  # characters of a parameter in what is told of a command
 
 
 class Intake:
     """The listener of all ports. Answers to commands go to `on_reply`; `on_found` hears
-    the name of each probe that appears or restarts.
+    the name of each probe that appears or restarts, `on_gesture` what the button of one
+    is to do.
     """
 
     def __init__(
@@ -67,6 +71,7 @@ class Intake:
         self._read_ns = host_ns()  # when the last bytes came, of whichever probe
         self.on_reply: Callable[[ProbeEntry, Received], None] = lambda *_: None
         self.on_found: Callable[[str], None] = lambda _: None
+        self.on_gesture: Callable[[ProbeEntry, str], None] = lambda *_: None
         # What a message of each name changes here, beside being published.
         self._takers: dict[str, Callable[[ProbeEntry, Received, Values], None]] = {
             "pose": self._pose,
@@ -156,12 +161,18 @@ class Intake:
         return closing
 
     def tell_command(
-        self, entry: ProbeEntry, command: str, parameters: Mapping[str, str], by: str
+        self,
+        entry: ProbeEntry,
+        command: str,
+        parameters: Mapping[str, str],
+        by: str,
+        refused: str | None = None,
     ) -> None:
-        """Publishes a command that was carried out, and who gave it."""
+        """Publishes a command that was carried out, or `refused`, and who gave it."""
         t_ns = self._clock.now_ns()
         short = {name: value[:SHORT] for name, value in parameters.items()}
         told = {"t_ns": t_ns, "command": command, "parameters": short, "by": by}
+        told["refused"] = refused
         self._publisher.say(entry, COMMAND, told, t_ns)
 
     def mark(self, entry: ProbeEntry, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -212,6 +223,7 @@ class Intake:
         entry.port = port
         entry.other = None
         entry.fault = None
+        entry.gestures = Gestures()
         self.stages.on_probe_found(entry, event)
         self._lines.found(entry, event, port)
         # Its status first: who sees that it is there may ask for that at once.
@@ -250,6 +262,9 @@ class Intake:
         if not entry.is_alive:
             self._publisher.set_alive(entry, is_alive=True)
         self.stages.on_message(entry, event)
+        action = entry.gesture(str(message.fields.get("event")), event.stamp)
+        if action is not None:
+            self.on_gesture(entry, action)
 
     def _pose(self, entry: ProbeEntry, _: Received, values: Values) -> None:
         entry.poses += 1
@@ -271,6 +286,8 @@ class Intake:
 
     def _event(self, entry: ProbeEntry, event: Received, _: Values) -> None:
         follow_event(entry, event.message)
+        if (name := event.message.fields["event"]) in STREAMING:
+            entry.counters["state"] = STREAMING[str(name)]  # until its next status
         self._lines.event(entry, event.message)
 
     def _reply(self, entry: ProbeEntry, event: Received, _: Values) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import datetime
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
@@ -11,10 +12,13 @@ from typing import Any, Protocol
 import msgspec
 
 from imud.calibration.earth import Earth, earth_at
-from imud.config.settings import Config, PlaceSettings
+from imud.config.settings import BUTTON, GESTURES, Config, PlaceSettings
 from imud.defaults import PROBES_MAX
+from imud.errors import ParamsError
+from imud.params.value import Params
 from imud.probes.aim import Aim
 from imud.probes.double_click import PathCloser
+from imud.probes.gestures import EVENTS, Gestures
 from imud.probes.north import North
 from imud.probes.record import Stamp
 from imud.probes.sensors import SensorFinding
@@ -96,6 +100,8 @@ class ProbeEntry:
         self.pose_ns = -1  # when it was heard, host's time
         self.aim: Aim | None = None  # what it is to be brought to
         self.closer = PathCloser()
+        self.gestures = Gestures()  # of its button
+        self.button = config.settings_of(probe_id).button or BUTTON
         self.temperature_c: float | None = None  # of the last raw sample, or status
         self.poses = 0
         self.poses_before = 0  # at the last tick
@@ -140,7 +146,8 @@ class ProbeEntry:
 
     def configure(self, config: Config) -> None:
         self.name = config.name_of(self.probe.probe_id)
-        self.is_logged = config.settings_of(self.probe.probe_id).log
+        settings = config.settings_of(self.probe.probe_id)
+        self.is_logged, self.button = settings.log, settings.button or BUTTON
         self._locate(config.place)
         for stage in self.stages:
             stage.configure(config)
@@ -149,6 +156,22 @@ class ProbeEntry:
         self.earth, self.north = earth_of(place), None
         if self.earth is not None and place.north == "true":
             self.north = North(self.earth.declination_deg)
+
+    @property
+    def tells_button(self) -> bool:
+        """Its button does nothing by itself, by its params."""
+        with contextlib.suppress(ParamsError):
+            return Params.decode(self.probe.params or b"").options.button_does == "tell"
+        return False
+
+    def gesture(self, name: str, stamp: Stamp) -> str | None:
+        """What its button is asked to do with an event of that name, or by its time."""
+        found = self.gestures.look(stamp.t_device_us)
+        if name in EVENTS and self.tells_button:
+            t_us, is_after_gap = stamp.t_device_us, stamp.missing > 0
+            now = self.gestures.on_event(name, t_us, is_after_gap=is_after_gap)
+            found = found or now
+        return found and self.button[GESTURES.index(found)]
 
     @property
     def session(self) -> Session | None:

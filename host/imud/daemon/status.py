@@ -61,6 +61,7 @@ def status_of(
         "link": session.counts() if session is not None else None,
         "clock": _clock(entry, timeline, now_ns) | _utc(sync),
         "params": summary(entry),
+        "button": entry.button,
         "sensors": sensors_of(entry),
         "place": msgspec.to_builtins(entry.earth),
         **{stage.name: stage.status() for stage in entry.stages},

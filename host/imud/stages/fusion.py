@@ -9,7 +9,7 @@ sample after a loss gets the flag `gap`, as the probe would set it.
 
 A Nano has no room for strokes: it gets those of another board here. What its button
 does is its own affair but for `tell`, by which it does nothing else: then strokes last
-as long as it is held.
+as long as it is held, unless its table of gestures has another use for that.
 
 Samples of other rates than the C's are brought to one of those (`resampled`).
 """
@@ -23,7 +23,7 @@ from typing import Any
 import msgspec
 
 from imud import _core
-from imud.config.settings import Config
+from imud.config.settings import BUTTON, Config
 from imud.params.learned import filter_can_continue
 from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
@@ -81,6 +81,12 @@ class FusionStage:
     def configure(self, config: Config) -> None:
         wanted = (each for each, of in config.probes.items() if of.fuse_on_host)
         self._wanted = frozenset(wanted)  # ids of probes
+        # And of those whose button, held, does something else than a stroke.
+        self._other = {
+            each
+            for each, of in config.probes.items()
+            if (of.button or BUTTON)[2] != "stroke"
+        }
 
     def on_probe_found(self, found: ProbeFound) -> None:  # noqa: ARG002 - any boot ends it
         self._forget()
@@ -149,7 +155,7 @@ class FusionStage:
         hello, resampler = self._hello, self._resampler
         if hello is None or resampler is None:
             return
-        if self._is_nano:
+        if self._is_nano and received.probe_id not in self._other:
             records = with_strokes(records)
         if self._replay is None:
             try:

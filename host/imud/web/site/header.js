@@ -31,7 +31,9 @@ const DONE = {
   fields: "its streams were changed",
   reset: "reset",
   params: "its params were changed",
-  configure: "its name or log was changed",
+  configure: "its name, log or button was changed",
+  close: "its path was closed",
+  mark: "marked",
 };
 const MOON = "M20 14.5A8 8 0 0 1 9.5 4 8 8 0 1 0 20 14.5Z";
 const QUESTION = "M9 9a3 3 0 1 1 4.5 2.6c-1 .6-1.5 1.2-1.5 2.4M12 17.5v.1";
@@ -101,7 +103,8 @@ export class Header {
       const { detail: line } = /** @type {CustomEvent<import("./link.js").Line>} */ (event);
       if (line.type === "command" && line.by !== model.page.who) {
         const what = DONE[line.command] ?? line.command;
-        tell(`${model.labelOf(line.probe)}: ${what}, by ${line.by}`);
+        const done = line.refused ? `${line.command} was refused: ${line.refused}` : what;
+        tell(`${model.labelOf(line.probe)}: ${done}, by ${line.by === "button" ? "its button" : line.by}`, Boolean(line.refused));
       }
     });
     const brand = make(

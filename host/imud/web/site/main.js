@@ -9,6 +9,7 @@ import { Header, tell } from "./header.js";
 import { Lead } from "./lead.js";
 import { Keys } from "./keys.js";
 import { make } from "./dom.js";
+import { ButtonLine } from "./gestures.js";
 import { failed } from "./failed.js";
 import { AimView } from "./views/aim.js";
 import { CalibrateView } from "./views/calibrate.js";
@@ -55,7 +56,8 @@ class Page {
     this.main = make("main", { tabindex: "-1" });
     this.header = new Header(this.model, VIEWS, () => this.guarded(() => this.view?.recolour?.()));
     this.lead = new Lead(this.model);
-    this.header.lines.append(this.lead.element);
+    this.button = new ButtonLine(this.model);
+    this.header.lines.append(this.lead.element, this.button.element);
     this.keys = new Keys(this.header, () => this.view?.keys ?? {});
     /** @type {View | null} */
     this.view = null;
@@ -166,6 +168,7 @@ class Page {
     this.header.draw(performance.now());
     this.alarm.listen(performance.now());
     this.lead.draw(performance.now(), this.viewName);
+    this.button.draw(performance.now());
     this.guarded(() => this.view?.draw(performance.now()));
     this.link.drawn();
   }

@@ -4,6 +4,7 @@
 
 import { alarmChoice } from "../alarm.js";
 import { make, mark, say } from "../dom.js";
+import { ButtonForm } from "../gestures.js";
 import { attempt, tell } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -76,6 +77,7 @@ export class Controls {
     this._confirm = this._makeConfirm();
     this._name = make("input", { name: "probe-name", maxlength: 60, required: true });
     this._log = make("button", { onclick: () => this._setLog() }, "Stop its log");
+    this._gestures = new ButtonForm(model);
     const more = make(
       "details",
       {},
@@ -106,6 +108,7 @@ export class Controls {
       make("div", { class: "row origin" }, set, this._origin, undo),
       make("div", { class: "row" }, this._button("Close path", "close", {})),
       this._why,
+      this._gestures.element,
       more,
       this._confirm,
     );
@@ -125,6 +128,7 @@ export class Controls {
   draw() {
     const { probe, mayCommand, page, link } = this._model;
     const isOn = mayCommand && probe !== undefined;
+    this._gestures.draw();
     for (const button of this.element.querySelectorAll("button")) {
       mark(button, "disabled", !isOn);
     }

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""Gestures of a probe's button, by the device's times of its presses and releases."""
+
+from __future__ import annotations
+
+from imud.probes.double_click import DOUBLE_US
+
+# A message from before may come this much later than one from after it.
+LATE_US = 50_000
+# How long it is held, from and to: between them the hand had no clear intention, and
+# later it lies upon the button.
+HELD = {"hold": (1_000_000, 3_000_000), "long": (3_000_000, 10_000_000)}
+PRESSED = "button_pressed"
+EVENTS = (PRESSED, "button_released")
+
+
+class Gestures:
+    """Those of one probe since it was found."""
+
+    def __init__(self) -> None:
+        self._pressed_us: int | None = None  # none: its release means nothing
+        self._clicked_us: int | None = None  # pressed then; a second one may follow
+
+    def look(self, t_us: int) -> str | None:
+        """A click, once anything of later than a second press has come."""
+        begin_us = self._clicked_us
+        if begin_us is None or t_us - begin_us <= DOUBLE_US + LATE_US:
+            return None
+        self._clicked_us = None
+        return "click"
+
+    def on_event(self, name: str, t_us: int, *, is_after_gap: bool) -> str | None:
+        """The gesture that a press or release completes: `double`, `hold` or `long`.
+        `is_after_gap`: messages before it were lost, which may have been others.
+        """
+        if is_after_gap:
+            self._pressed_us = self._clicked_us = None
+        if name == PRESSED:
+            before_us, self._clicked_us = self._clicked_us, None
+            is_double = before_us is not None and t_us - before_us <= DOUBLE_US
+            self._pressed_us = None if is_double else t_us
+            return "double" if is_double else None
+        begin_us, self._pressed_us = self._pressed_us, None
+        if begin_us is None:
+            return None
+        held_us = t_us - begin_us
+        if 0 < held_us <= DOUBLE_US:
+            self._clicked_us = begin_us
+        found = (name for name, (a, b) in HELD.items() if a <= held_us < b)
+        return next(found, None)
