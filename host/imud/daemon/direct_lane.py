@@ -82,6 +82,11 @@ class DirectLane(Lane):
         self._detour_until_s = 0.0
         self._holder = Holder.FREE
 
+    def _use(self, sink: Sink) -> None:
+        super()._use(sink)
+        if isinstance(sink, DirectSink):
+            self._try_write = sink.try_write
+
     def put(self, *items: Item) -> None:
         line = self._claim(items)
         if line:

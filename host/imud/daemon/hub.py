@@ -43,11 +43,14 @@ class Hub:
         sink: Sink | None,
         names: Mapping[str, str] | None = None,
         put: Mapping[str, int] | None = None,
+        *,
+        goes_on: bool = False,
     ) -> None:
         """Replaces the sink of that name, or removes it (None); never waits.
 
         `names`: old and new names of renamed probes. `put`: the records of each probe
-        so far, for a sink that did not exist before.
+        so far, for a sink that did not exist before. `goes_on`: it has the settings of
+        the one before.
         """
         self.hand_over()
         place = next(
@@ -60,7 +63,7 @@ class Hub:
             return
         lane = _lane(sink)
         self._lanes.append(lane)
-        lane.follow(before, names or {}, put or {})
+        lane.follow(before, names or {}, put or {}, goes_on=goes_on)
 
     def trouble(self, name: str) -> str | None:
         """Why that sink takes nothing; empty: it works, None: there is no such sink."""

@@ -12,8 +12,9 @@ import threading
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence, Set
+from functools import partial
 from itertools import islice
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from imud.errors import reason
 from imud.probes.balance import SinkCounts
@@ -79,6 +80,15 @@ class Sink(Protocol):
     def close(self) -> None: ...
 
 
+@runtime_checkable
+class LastingSink(Sink, Protocol):
+    """A sink that what it has open outlasts: it can go on in place of another of the
+    same settings, for probes of other names.
+    """
+
+    def go_on_for(self, other: Any) -> None: ...
+
+
 class Lane:
     """The queue and the thread of one sink."""
 
@@ -99,6 +109,7 @@ class Lane:
         # The lane that this one replaces, until that is closed; old and new names.
         self._before: Lane | None = None
         self._names: Mapping[str, str] = {}
+        self._goes_on = False  # the sink, in the lane that replaces this one
         # A daemon thread: if it hangs in a library, the process can still end.
         self._thread = threading.Thread(
             target=self._run, name=f"imud-{sink.name}", daemon=True
@@ -110,17 +121,24 @@ class Lane:
         self._thread.start()
 
     def follow(
-        self, before: Lane | None, names: Mapping[str, str], put: Mapping[str, int]
+        self,
+        before: Lane | None,
+        names: Mapping[str, str],
+        put: Mapping[str, int],
+        *,
+        goes_on: bool,
     ) -> None:
         """Starts in the place of another lane: opens the sink in its own thread when
         that one has closed, and continues its counts. Records wait meanwhile. `names`
         maps old names of probes to new ones, `put` has the records of each so far.
+        `goes_on`: that one's sink has the same settings and goes on where it can.
         """
         self._before, self._names = before, names
         if before is None:
             self._mine.earlier.update(put)
         self._broken_until = 0.0  # open it before the first record
         if before is not None:
+            before._goes_on = goes_on and isinstance(before.sink, LastingSink)
             before.end()
         self._thread.start()
 
@@ -208,6 +226,7 @@ class Lane:
 
     def _succeed(self, before: Lane) -> None:
         if not before.close(SUCCEED_S):
+            before._goes_on = False
             # Its counts may still change, so they are read again each time.
             logger.warning("%s did not finish in time", before.sink.name)
             return
@@ -215,6 +234,15 @@ class Lane:
             self._mine = self._counts()
             self._failures += before.failures
             self._before = None
+        if before._goes_on and isinstance(before.sink, LastingSink):
+            other = self.sink
+            self._use(before.sink)
+            self._was_open, self._trouble = before._was_open, before._trouble
+            self._broken_until = before._broken_until
+            self._attempt(partial(before.sink.go_on_for, other))
+
+    def _use(self, sink: Sink) -> None:
+        self.sink = sink
 
     @property
     def failures(self) -> int:
@@ -240,7 +268,8 @@ class Lane:
                 deadline = time.monotonic() + self.sink.period_s
             self._hand_over(items)
             if is_closing:
-                self._attempt(self.sink.close)
+                if not self._goes_on:
+                    self._attempt(self.sink.close)
                 return
 
     def _next(self) -> deque[Item]:

@@ -7,11 +7,10 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
-from imud.config.settings import Config, LogSettings, ZenohSettings
+from imud.config.settings import Config, ZenohSettings
 from imud.daemon.hub import Hub
 from imud.daemon.lane import Sink
 from imud.daemon.log_state import LOG
@@ -69,19 +68,17 @@ class Outputs:
         self._on_notice = on_notice
         self.keys = Keys()  # who may connect; the next open() and apply() use them
         self._made_of: dict[str, object] = {}  # settings of each sink
-        self._log: LogSink | None = None
-        self._network: ZenohSink | None = None
-        self._page_sink: PageSink | None = None
         self._reports_refusals = False
 
     @property
     def is_logging(self) -> bool:
-        return self._log is not None
+        return self._hub.sink(LOG) is not None
 
     @property
     def log_path(self) -> Path | None:
         """The file that is written, once there is one."""
-        return self._log.path if self._log is not None else None
+        log = self._hub.sink(LOG)
+        return log.path if isinstance(log, LogSink) else None
 
     def open(self, config: Config) -> None:
         """Opens all sinks; an ImudError if one can't be opened. What others use beside
@@ -110,10 +107,9 @@ class Outputs:
         for name, want in wanted.items():
             # A renamed probe needs other keys and channels.
             if names or self._made_of.get(name) != want.settings:
-                self._hub.set(name, want.make(), names, put)
+                goes_on = self._made_of.get(name) == want.settings
+                self._hub.set(name, want.make(), names, put, goes_on=goes_on)
                 self._made_of[name] = want.settings
-        if not config.log.enabled:
-            self._log = None
 
     def _wanted(self, config: Config) -> dict[str, Wanted]:
         """By name, in the order in which they are opened: the log last, so that none is
@@ -123,7 +119,7 @@ class Outputs:
         keys = self.keys
         # With other keys all connect again, and who was removed can't.
         of_network = (network, keys.digest)
-        wanted = {NETWORK: Wanted(of_network, lambda: self._zenoh(network, of_network))}
+        wanted = {NETWORK: Wanted(of_network, lambda: self._zenoh(network))}
         if ros2.enabled:
             own = own_network(network.mode, network.listen, network.connect)
             wanted[ROS2] = Wanted(
@@ -140,9 +136,7 @@ class Outputs:
         if config.web.enabled and address is not None:
             logs = LogFolder(Path(log.dir)) if log.enabled else None
             of_page = (config.web, keys.digest, log.enabled, log.dir, config.ports)
-            wanted[PAGE] = Wanted(
-                of_page, lambda: self._page(address, config, logs, of_page)
-            )
+            wanted[PAGE] = Wanted(of_page, lambda: self._page(address, config, logs))
         served = host_and_port(config.foxglove.listen)
         if config.foxglove.enabled and served is not None:
             wanted[FOXGLOVE] = Wanted(
@@ -157,16 +151,12 @@ class Outputs:
         if log.enabled:
             settings = _log_settings(config)
             # A log stores the whole configuration, but only these settings change it.
-            of_log = log, (network.prefix, settings.unlogged)
-            wanted[LOG] = Wanted(of_log, lambda: self._logger(settings, of_log))
+            of_log = (log, network.prefix, settings.unlogged)
+            wanted[LOG] = Wanted(of_log, lambda: LogSink(Path(log.dir), settings))
         return wanted
 
     def _page(
-        self,
-        address: tuple[str, int],
-        config: Config,
-        logs: LogFolder | None,
-        settings: object,
+        self, address: tuple[str, int], config: Config, logs: LogFolder | None
     ) -> PageSink:
         keys, origins = self.keys, config.web.origins
         users: Users | None = None
@@ -177,9 +167,7 @@ class Outputs:
         # Where browsers log in, a virtual hand can't.
         page = f"http://{config.web.listen}" if users is None and address[1] else None
         virtual = sim.offered(page) if config.ports.find else ()
-        # Where only probes are renamed, browsers keep their connection.
-        before = self._page_sink if self._made_of.get(PAGE) == settings else None
-        self._page_sink = PageSink(
+        return PageSink(
             lambda: Page(
                 address,
                 self._on_command,
@@ -190,38 +178,27 @@ class Outputs:
                 virtual=virtual,
                 origins=origins,
                 on_notice=self._on_notice,
-            ),
-            before,
+            )
         )
-        return self._page_sink
 
     def _hear_body(self, key: str, payload: bytes) -> None:
-        if self._page_sink is not None:
-            self._page_sink.hear_body(key, payload)
+        page = self._hub.sink(PAGE)
+        if isinstance(page, PageSink):
+            page.hear_body(key, payload)
 
-    def _zenoh(self, network: ZenohSettings, settings: object) -> ZenohSink:
+    def _zenoh(self, network: ZenohSettings) -> ZenohSink:
         if network.keys and not self._reports_refusals:
             self._reports_refusals = True
             tell_refusals(self._tell_refusal)
-        # Where only probes are renamed, subscribers keep their connection.
-        before = self._network if self._made_of.get(NETWORK) == settings else None
-        self._network = ZenohSink(
-            *(network, self._on_command, self._on_notice, before, self._hear_body),
-            self._id_of,
+        return ZenohSink(
+            *(network, self._on_command, self._on_notice, self._hear_body, self._id_of)
         )
-        return self._network
 
     def _tell_refusal(self, kind: str, text: str) -> None:
         """Called in a thread of its own."""
-        network = self._network
-        text = network.name_of(text) if network is not None else text
+        network = self._hub.sink(NETWORK)
+        text = network.name_of(text) if isinstance(network, ZenohSink) else text
         self._on_notice(kind, text, True)
-
-    def _logger(self, settings: Settings, of_log: tuple[LogSettings, Any]) -> LogSink:
-        # Where only probes are renamed, the file goes on.
-        before = self._log if self._made_of.get(LOG) == of_log else None
-        self._log = LogSink(Path(of_log[0].dir), settings, before)
-        return self._log
 
 
 def offered_firmware() -> tuple[Firmware, ...]:

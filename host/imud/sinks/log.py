@@ -62,19 +62,7 @@ class LogSink:
     period_s = FLUSH_S
     patience_s = PATIENCE_S
 
-    def __init__(
-        self,
-        directory: Path,
-        settings: Settings | None = None,
-        before: LogSink | None = None,
-    ) -> None:
-        """`before`: a sink of the same folder that this one replaces, whose file it
-        continues.
-        """
-        self._before = before
-        self._is_left = self._is_closed = False  # its file, to the one that replaces it
-        if before is not None:
-            before._is_left = True
+    def __init__(self, directory: Path, settings: Settings | None = None) -> None:
         self._directory = directory
         self.settings = settings or Settings()
         self._syncer: ThreadPoolExecutor | None = None
@@ -95,14 +83,6 @@ class LogSink:
 
     def open(self) -> None:
         """Begins a file, or pauses on a full disk; FileError if it can't be written."""
-        left, self._before = self._before, None
-        if left is not None and left._is_closed:
-            own = "settings", "_is_left", "_is_closed"
-            vars(self).update(vars(left) | {each: vars(self)[each] for each in own})
-            if self._log is not None:
-                return
-        elif left is not None:
-            left._is_left = False  # it hangs
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
             if self._is_full(system.free_bytes(self._directory)):
@@ -255,9 +235,6 @@ class LogSink:
         self._excess = excess
 
     def close(self) -> None:
-        if self._is_left:
-            self._is_closed = True
-            return
         try:
             self._finish()
         except OSError as error:
@@ -265,6 +242,10 @@ class LogSink:
         if self._syncer is not None:
             self._syncer.shutdown()
             self._syncer = None
+
+    def go_on_for(self, other: LogSink) -> None:
+        """The file goes on."""
+        self.settings = other.settings
 
     def _is_full(self, free_bytes: int) -> bool:
         floor = self.settings.floor_bytes * (ROOM_AGAIN if self._is_paused else 1.0)

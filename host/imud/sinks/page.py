@@ -32,33 +32,16 @@ class PageSink:
     patience_s = PATIENCE_S
     is_quick = True  # it takes records as they are
 
-    def __init__(
-        self, make: Callable[[], Page], before: PageSink | None = None
-    ) -> None:
-        """`before`: a sink of the same settings that this one replaces. Its page goes
-        on, with the browsers that are connected.
-        """
+    def __init__(self, make: Callable[[], Page]) -> None:
         self._make = make
-        self._before = before
         self._page: Page | None = None
-        self._left: Page | None = None  # to the sink that replaces this one
-        self._is_followed = False
-        if before is not None:
-            before._is_followed = True
         self._again_s = 0.0
         self._fresh: list[tuple[Key, bytes]] = []
         self._is_told = False
         self.period_s = IDLE_S
 
     def open(self) -> None:
-        """Serves the page, or takes over the one that the sink before has left; a taken
-        address is told once, and tried again.
-        """
-        before = self._before
-        if before is not None and before._left is not None:
-            self._page, before._left, self._before = before._left, None, None
-            self._page.forget()
-            return
+        """Serves the page; a taken address is told once, and tried again."""
         page = self._make()
         try:
             page.start()
@@ -68,7 +51,7 @@ class PageSink:
                 logger.warning("%s", error)
             self._is_told = True
         else:
-            self._page, self._before = page, None
+            self._page = page
             logger.info("the page is at %s", page.url)
 
     @property
@@ -99,7 +82,10 @@ class PageSink:
 
     def close(self) -> None:
         page, self._page = self._page, None
-        if self._is_followed:
-            self._left = page
-        elif page is not None:
+        if page is not None:
             page.close()
+
+    def go_on_for(self, _: PageSink) -> None:
+        """Browsers keep their connection."""
+        if self._page is not None:
+            self._page.forget()

@@ -72,10 +72,6 @@ OnBody = Callable[[str, bytes], None]
 class ZenohSink:
     """A Zenoh session that is a router, a peer or a client of a router elsewhere, as
     the settings say. Its callbacks run in threads of Zenoh.
-
-    `before`: a sink of the same settings that this one replaces. It takes over that
-    one's session, once that has closed: Zenoh can leave a client that connects while a
-    router closes on a connection that nobody serves.
     """
 
     name = "zenoh"
@@ -87,17 +83,11 @@ class ZenohSink:
         settings: ZenohSettings,
         on_command: OnCommand,
         on_notice: OnNotice = lambda *_: None,
-        before: ZenohSink | None = None,
         on_body: OnBody = lambda *_: None,
         id_of: Callable[[str], str | None] = lambda _: None,
     ) -> None:
         """`id_of`: the id of the probe of a name; None: unknown. Any thread asks."""
-        self._before = before
-        self._is_followed = False
-        self._left: zenoh.Session | None = None  # to the sink that follows
-        if before is not None:
-            before._is_followed = True
-        self._id: str = before._id if before is not None else network.new_id()
+        self._id = network.new_id()
         self._settings = settings
         self._prefix = settings.prefix
         self._on_notice = on_notice
@@ -141,12 +131,10 @@ class ZenohSink:
         return self._guard.name_of(text) if self._guard is not None else text
 
     def _open(self) -> zenoh.Session:
-        session = self._inherited()
-        if session is None:
-            session, self._guard = network.open_guarded(
-                self._settings, self._id, self._tell_refused, self._tell_restart
-            )
-        self._session, self._before = session, None
+        session, self._guard = network.open_guarded(
+            self._settings, self._id, self._tell_refused, self._tell_restart
+        )
+        self._session = session
         self._links = session.info.declare_link_events_listener(self._tell_link)
         self._bodies = session.declare_subscriber(
             f"{self._prefix}/{BODIES}/*/{BODY_STATE}", self._tell_body
@@ -157,14 +145,6 @@ class ZenohSink:
 
     def _tell_body(self, sample: zenoh.Sample) -> None:
         self._on_body(str(sample.key_expr), sample.payload.to_bytes())
-
-    def _inherited(self) -> zenoh.Session | None:
-        """The session that the sink before has left, or this one itself."""
-        before = self._before or self
-        session, before._left = before._left, None
-        if before is not self:
-            self._guard, before._guard = before._guard, None
-        return session
 
     def try_write(self, record: Record | Presence) -> bool:
         """Publishes a record for which all is declared; False: write() has to. It waits
@@ -241,13 +221,32 @@ class ZenohSink:
     def flush(self) -> None:
         """Nothing to do: a put is sent when it returns."""
 
+    def go_on_for(self, _: ZenohSink) -> None:
+        """Keeps the daemon's own session: Zenoh can leave a client that connects while
+        a router closes on a connection that nobody serves.
+        """
+        if self._is_guest:
+            self.close()
+            return
+        own: list[Any] = [*self._publishers.values()]
+        own += [each for tokens in self._tokens.values() for each in tokens]
+        own += [each for declared in self._declared.values() for each in declared]
+        for each in own:
+            each.undeclare()
+        self._forget_all()
+
     def close(self) -> None:
-        """Ends the session; the daemon's own is left to the sink that follows."""
         session, self._session = self._session, None
-        if session is not None and self._is_followed and not self._is_guest:
-            self._undeclare()
-            self._left, session = session, None
-        self._is_joined = None
+        self._is_joined = self._links = self._bodies = None
+        self._forget_all()
+        if session is not None:
+            session.close()
+        if self._guard is not None:
+            self._guard.close()
+            self._guard = None
+
+    def _forget_all(self) -> None:
+        """What is declared for probes."""
         self._publishers.clear()
         self._declared.clear()
         self._tokens.clear()
@@ -256,21 +255,6 @@ class ZenohSink:
         # A status comes again within a second, params only when they change.
         for key in [each for each in self._last if each[1] == "status"]:
             del self._last[key]
-        self._links = self._bodies = None
-        if session is not None:
-            session.close()
-        if self._guard is not None and self._left is None:
-            self._guard.close()
-            self._guard = None
-
-    def _undeclare(self) -> None:
-        """Leaves nothing of its own in a session that another sink takes over."""
-        own: list[Any] = [*self._publishers.values()]
-        own += [each for tokens in self._tokens.values() for each in tokens]
-        own += [each for declared in self._declared.values() for each in declared]
-        own += [each for each in (self._links, self._bodies) if each is not None]
-        for each in own:
-            each.undeclare()
 
     def _key(self, probe: str, last: str) -> str:
         return f"{self._prefix}/{probe}/{last}"

@@ -168,6 +168,26 @@ def test_a_sink_that_could_not_be_opened_is_without_a_record_once_it_can(
     whole.close()
 
 
+def test_a_sink_goes_on_for_one_of_the_same_settings() -> None:
+    class Lasting(FakeSink):
+        went_on_for: FakeSink | None = None
+
+        def go_on_for(self, other: FakeSink) -> None:
+            self.went_on_for = other
+
+    first, second, third = Lasting(), Lasting(), Lasting()
+    whole = Hub()
+    for number, sink in enumerate((first, second, third)):
+        whole.set("fake", sink, goes_on=sink is second)
+        whole.put(record(number))
+        (third if sink is third else first).numbers(1)
+    assert first.went_on_for is second
+    assert (first.opened, second.opened, third.opened) == (1, 0, 1)
+    assert whole.sink("fake") is third
+    whole.close()
+    assert (first.closed, second.closed, third.closed) == (2, 0, 2)  # first at its open
+
+
 def test_a_sink_with_a_period_is_flushed_without_records() -> None:
     flushed = threading.Event()
 
