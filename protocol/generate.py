@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Makes C, Python, MicroPython and the tables of PROTOCOL.md from schema.toml, and the
-types of what is published, the table of commands and others in docs/pose.md.
+types of what is published, the table of commands and others in docs/pose.md, and the
+hashes of ROS 2's types.
 
 `python protocol/generate.py` writes the files that are stale; with `--check` it writes
 nothing, but names them and exits with 1.
@@ -19,6 +20,7 @@ from generator import (
     micropython_code,
     published,
     python_code,
+    ros2,
     tables,
 )
 from generator.checker import load
@@ -34,6 +36,7 @@ MICROPYTHON = Path("firmware/micropython/probe/wire.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
 PUBLISHED = Path("protocol/published.toml")
 TYPES = Path("host/imud/published.py")
+ROS2 = Path("host/imud/ros2/hashes.py")
 SCRIPT = Path("host/imud/web/site/published.js")
 POSE = Path("docs/pose.md")
 KEPT = Path("host/imud/wire/schemas")  # every schema that a probe or a log may have
@@ -55,6 +58,7 @@ def outputs(schema: Schema) -> dict[Path, str]:
         MICROPYTHON: micropython_code.module(schema),
         DOCUMENT: tables.document(schema, document),
         TYPES: published.python(structs),
+        ROS2: ros2.module(),
         SCRIPT: published.script(structs),
         POSE: commands.document(published.document(structs, pose)),
     }

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import xxhash
 
+from imud.ros2.hashes import RIHS01
+
 # A topic's or node's name without its namespace: no digit first, no __ inside.
 NAME = r"[A-Za-z](_?[A-Za-z0-9])*_?"
 NAMESPACE = rf"^({NAME}(/{NAME})*)?$"
@@ -26,10 +28,9 @@ _GID_SIZE = 16
 
 
 class Type(NamedTuple):
-    """A message type with its hash of REP 2011, the same since Iron."""
+    """A message type. protocol/generate.py finds the hashes of those below."""
 
     name: str
-    rihs01: str
 
     @property
     def dds(self) -> str:
@@ -39,41 +40,18 @@ class Type(NamedTuple):
 
     @property
     def hash(self) -> str:
-        return f"RIHS01_{self.rihs01}"
+        """Of REP 2011."""
+        return RIHS01[self.name]
 
 
-IMU = Type(
-    "sensor_msgs/msg/Imu",
-    "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
-)
-MAGNETIC_FIELD = Type(
-    "sensor_msgs/msg/MagneticField",
-    "e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
-)
-POSE_STAMPED = Type(
-    "geometry_msgs/msg/PoseStamped",
-    "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
-)
-POINT_STAMPED = Type(
-    "geometry_msgs/msg/PointStamped",
-    "4c0296af86e01e562e9e0405d138a01537247580076c58ea38d7923ac1045897",
-)
-PATH = Type(
-    "nav_msgs/msg/Path",
-    "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b",
-)
-TF_MESSAGE = Type(
-    "tf2_msgs/msg/TFMessage",
-    "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
-)
-DIAGNOSTIC_ARRAY = Type(
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
-)
-JOINT_STATE = Type(
-    "sensor_msgs/msg/JointState",
-    "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
-)
+IMU = Type("sensor_msgs/msg/Imu")
+MAGNETIC_FIELD = Type("sensor_msgs/msg/MagneticField")
+POSE_STAMPED = Type("geometry_msgs/msg/PoseStamped")
+POINT_STAMPED = Type("geometry_msgs/msg/PointStamped")
+PATH = Type("nav_msgs/msg/Path")
+TF_MESSAGE = Type("tf2_msgs/msg/TFMessage")
+DIAGNOSTIC_ARRAY = Type("diagnostic_msgs/msg/DiagnosticArray")
+JOINT_STATE = Type("sensor_msgs/msg/JointState")
 TYPES = (
     IMU,
     MAGNETIC_FIELD,
