@@ -14,62 +14,63 @@ import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Channel, Chunk, Schema
 
 # Content of a chunk. Ours hold some 100 kB; other tools write 1 to 4 MB.
 CONTENT_MAX = 16 << 20
+KEPT_MAX = 1 << 18  # content whose records are made once
 
 # Length of the name of a channel: prefix, probe and topic.
 NAME_MAX = 400
 
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, number, two times; then the content
-_KINDS = {int(kind) for kind in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)}
+_KIND_OF_MESSAGE = int(Opcode.MESSAGE)
+_KINDS = {int(kind) for kind in (Opcode.SCHEMA, Opcode.CHANNEL)}
 
-ChunkRecord = Schema | Channel | Message
+# Of a message: its channel, number, when it was received and measured (UTC, ns), and
+# its content.
+ChunkMessage = tuple[int, int, int, int, bytes]
+ChunkRecord = Schema | Channel | ChunkMessage
 
 
 class ChunkRecords:
-    """The records of a chunk, made one by one as they are asked for: half a million
-    empty messages would take 200 MB. Damage shows when it is made, and raises what
-    `log.reader.DAMAGE` names.
+    """The records of a chunk; of a large one made one by one as they are asked for:
+    half a million empty messages would take 200 MB. Damage shows when it is made, and
+    raises what `log.reader.DAMAGE` names.
     """
 
     def __init__(self, chunk: Chunk) -> None:
         self._data = _content(chunk)
-        self._count = 0
-        for kind, begin, end in self._places():
-            self._count += 1
-            if kind != Opcode.MESSAGE:
-                _record(kind, self._data[begin:end])
-            elif end - begin < _MESSAGE.size:
-                raise EOFError
+        is_small = len(self._data) <= KEPT_MAX
+        self._kept = [*self._records()] if is_small else []
+        self._count = len(self._kept) if is_small else sum(1 for _ in self._records())
 
     def __len__(self) -> int:
         return self._count
 
     def __iter__(self) -> Iterator[ChunkRecord]:
-        for kind, begin, end in self._places():
-            yield _record(kind, self._data[begin:end])
+        return iter(self._kept) if self._kept else self._records()
 
-    def _places(self) -> Iterator[tuple[int, int, int]]:
-        """Kind, begin and end of each record that counts."""
-        at, size = 0, len(self._data)
+    def _records(self) -> Iterator[ChunkRecord]:
+        data, at, size = self._data, 0, len(self._data)
+        record_at, message_at = _RECORD.unpack_from, _MESSAGE.unpack_from
         while at < size:
-            kind, length = _RECORD.unpack_from(self._data, at)
+            kind, length = record_at(data, at)
             at += _RECORD.size
-            if length > size - at:
+            end = at + length
+            if end > size:
                 raise EOFError
-            if kind in _KINDS:
-                yield kind, at, at + length
-            at += length
+            if kind == _KIND_OF_MESSAGE:
+                if length < _MESSAGE.size:
+                    raise EOFError
+                yield (*message_at(data, at), data[at + _MESSAGE.size : end])
+            elif kind in _KINDS:
+                yield _record(kind, data[at:end])
+            at = end
 
 
-def _record(kind: int, body: bytes) -> ChunkRecord:
-    if kind == Opcode.MESSAGE:
-        channel_id, number, logged_ns, published_ns = _MESSAGE.unpack_from(body)
-        content = body[_MESSAGE.size :]
-        return Message(channel_id, logged_ns, content, published_ns, number)
+def _record(kind: int, body: bytes) -> Schema | Channel:
     stream = ReadDataStream(BytesIO(body))
     if kind == Opcode.SCHEMA:
         schema: Schema = Schema.read(stream)

@@ -7,8 +7,9 @@ import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Metadata, Schema
 
+from imud.log.chunk import ChunkRecord
 from imud.log.parts import Damage, channels_of, parts_of, seal
 from imud.log.reader import opened
 from imud.log.writer import LogWriter
@@ -30,7 +31,7 @@ class Copy:
         for record in records:
             self.add(record)
 
-    def add(self, record: Schema | Channel | Message | Metadata) -> None:
+    def add(self, record: ChunkRecord | Metadata) -> None:
         writer = self._writer
         if isinstance(record, Schema):
             if record.id not in self._schemas:
@@ -47,15 +48,11 @@ class Copy:
                 )
         elif isinstance(record, Metadata):
             writer.add_metadata(record.name, record.metadata)
-        elif record.channel_id in self._channels:
+        elif record[0] in self._channels:
             self.messages += 1
-            writer.add_message(
-                self._channels[record.channel_id],
-                record.log_time,
-                record.data,
-                record.publish_time,
-                record.sequence,
-            )
+            channel, number, logged_ns, measured_ns, data = record
+            to = self._channels[channel]
+            writer.add_message(to, logged_ns, data, measured_ns, number)
         else:
             self.unknown += 1
 

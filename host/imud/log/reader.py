@@ -10,11 +10,13 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from mcap.records import Channel, Message, Metadata, Schema
+import msgspec
+from mcap.records import Channel, Metadata, Schema
+from msgspec.structs import replace
 
 from imud.defaults import PROBES_MAX
 from imud.errors import FileError
@@ -41,8 +43,7 @@ class LogHead:
     fingerprint: int
 
 
-@dataclass(frozen=True, slots=True)
-class Logged:
+class Logged(msgspec.Struct, frozen=True):
     """One message of a log. `topic` is the last part of its channel's name."""
 
     probe: str
@@ -51,6 +52,7 @@ class Logged:
     t_ns: int  # UTC: when it was received
     t_sample_ns: int = 0  # UTC: when it was measured
     prefix: str = ""  # the part of its channel's name before the probe
+    values: dict[str, Any] | None = None  # the object, where `data` does not hold it
 
 
 def is_being_written(path: Path) -> bool:
@@ -76,23 +78,18 @@ class Reader:
     def read(self, part: RecordGroup) -> Iterator[LogHead | Logged]:
         """The messages of a part; those of unknown channels are only counted."""
         for record in part.records:
-            if isinstance(record, Channel):
-                self._know(record)
-            elif isinstance(record, Message):
-                channel = self._channels.get(record.channel_id)
+            if isinstance(record, tuple):
+                number, _, logged_ns, measured_ns, data = record
+                channel = self._channels.get(number)
                 if channel is None:
                     self.unknown += 1
                     continue
                 self.count += 1
                 prefix, probe, topic = channel
-                yield Logged(
-                    probe,
-                    topic,
-                    self._in_ours(topic, record.data),
-                    record.log_time,
-                    record.publish_time,
-                    prefix,
-                )
+                data = self._in_ours(topic, data)
+                yield Logged(probe, topic, data, logged_ns, measured_ns, prefix)
+            elif isinstance(record, Channel):
+                self._know(record)
             elif isinstance(record, Metadata):
                 found = _parsed(record)
                 if isinstance(found, Logged):
