@@ -7,7 +7,6 @@ second, the field as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -16,10 +15,10 @@ import numpy.typing as npt
 
 from imud import _core
 from imud.body import level, tracks
-from imud.body.tracks import BoolArray, Track
+from imud.body.tracks import Track
 from imud.params.trusted import known_to
 from imud.rotation import FloatArray
-from imud.wire import messages, schema
+from imud.wire import messages, raws, schema
 from imud.wire.messages import Message
 
 FUSED_HZ = 200  # as the Nano
@@ -73,28 +72,16 @@ def between(at_s: FloatArray, times_s: FloatArray, rows: FloatArray) -> FloatArr
 def _poses(gyr: FloatArray, acc: FloatArray, field: FloatArray) -> FloatArray:
     """Attitude, tilt's and heading's sigma (deg) after each sample of FUSED_HZ."""
     lsbs, counts = zip(*map(_counted, (gyr, acc, field), LSB_MAX), strict=True)
-    times_us = (np.arange(len(gyr)) * (10**6 // FUSED_HZ)).astype("<u4")
+    rows = raws.blank(len(gyr))
+    rows["time_us"] = np.arange(len(gyr)) * (10**6 // FUSED_HZ)
     is_new = ~np.isnan(field[:, 0])
+    rows["gyr"], rows["acc"], rows["mag"][is_new] = *counts[:2], counts[2][is_new]
     replay = _core.Replay(hello(lsbs), known_to(ACC_SIGMA, MAG_SIGMA))
     poses = []
-    for raw in _raws(times_us, counts, is_new):
+    for raw in rows:
         replay.step(raw.tobytes())
         poses.append(_pose(replay.pose(0, 0)))
     return np.array(poses)
-
-
-def _raws(times_us: Counts, counts: Sequence[Counts], is_new: BoolArray) -> Counts:
-    """The contents of raw messages, in rows; without a field that is not new."""
-    fields: dict[str, object] = {"acc": (0, 0, 0), "gyr": (0, 0, 0), "mag": None}
-    fields |= {"temperature": None, "sample_flags": ()}
-    like = np.frombuffer(messages.encode("raw", fields, 0, 0), np.uint8)
-    rows = np.tile(like, (len(times_us), 1))
-    header = messages.FIELDS_OF.start
-    rows[:, header - 4 : header] = times_us[:, None].view(np.uint8)
-    for name, values in zip(("gyr", "acc", "mag"), counts, strict=True):
-        kept = is_new if name == "mag" else slice(None)
-        rows[kept, messages.place_of("raw", name)] = values.view(np.uint8)[kept]
-    return rows
 
 
 def _counted(rows: FloatArray, lsb_max: float) -> tuple[float, Counts]:

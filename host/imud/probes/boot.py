@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from zlib import crc32
 
 import msgspec
+import numpy as np
 
 from imud.wire.messages import Message, Skew
+from imud.wire.raws import Rows
 
 # Numbers kept to tell a duplicate from a late message: ten times the messages of 40
 # bytes that a kernel's serial buffer of 4 KiB holds.
@@ -41,6 +44,7 @@ class DecodedFrame(msgspec.Struct, frozen=True):
     sequence: int
     time_us: int
     t_ns: int | None  # host's time; None: not known
+    t_sample_ns: int | None = None  # UTC of its sample, as a log has it
 
 
 class Ordering(Enum):
@@ -143,6 +147,23 @@ class BootNumbers:
             return False
         self._keep(number, frame)
         self.received += 1
+        return True
+
+    def follow_all(
+        self, contents: Sequence[bytes], heads: Rows, t_ns: int | None
+    ) -> bool:
+        """follow() for good messages, heard until then, if it is true of all."""
+        steps = np.diff(heads["sequence"], prepend=np.uint32(self.last & _MASK))
+        steps_us = np.diff(heads["time_us"], prepend=np.uint32(self._time_us))
+        is_next = (steps == 1).all() and (steps_us + TIME_SLACK_US < _HALF).all()
+        if self.last < self.first or not is_next:
+            return False
+        times_us, number = heads["time_us"].tolist(), self.last
+        for content, time_us in zip(contents, times_us, strict=True):
+            number += 1
+            self._recent[number % NUMBERS_KEPT] = number, crc32(content), time_us
+        self.received += number - self.last
+        self.last, self._time_us, self._t_ns = number, times_us[-1], t_ns
         return True
 
     def enter(self, frame: DecodedFrame, skew: str | None) -> None:

@@ -18,7 +18,7 @@ The first of those two is held back until the second decides; without one it is 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import Any
 
@@ -33,6 +33,7 @@ from imud.probes.boot import (
     difference_32,
 )
 from imud.wire.messages import Message, Skew
+from imud.wire.raws import Rows
 
 # Messages from before a restart that a kernel's serial buffer may hold.
 BUFFERED = 100
@@ -144,6 +145,12 @@ class Account:
         self._learn(frame, boot_count)
         verdict = FrameVerdict.GOOD if skew is None else FrameVerdict.SKEWED
         return [*judged, Judged(frame, verdict)]
+
+    def note_all(
+        self, contents: Sequence[bytes], heads: Rows, t_ns: int | None
+    ) -> bool:
+        """Judges raw messages and poses as good, if each continues the one before."""
+        return self._pending is None and self.boot.follow_all(contents, heads, t_ns)
 
     def close(self) -> list[Judged]:
         """Resolves the pending frame: no following message has confirmed it."""

@@ -59,6 +59,10 @@ class Probe:
         device_us = self.clock.unroll(frame.time_us, frame.t_ns)
         if frame.t_ns is None:
             return Stamp(number, missing, device_us)
+        if frame.t_sample_ns is not None:
+            return Stamp(
+                number, missing, device_us, frame.t_sample_ns, None, frame.t_ns
+            )
         # It was on the wire for so long at least.
         on_wire_ns = len(frame.content) * byte_ns
         host_ns, bound_ns = self.clock.date(device_us, frame.t_ns - on_wire_ns)

@@ -226,14 +226,22 @@ class Session:
                 self._reported.clear()
             self._on_content(content, t_ns, events)
 
-    def receive_content(self, content: bytes, t_ns: int | None) -> list[Event]:
-        """Takes the content of one frame whose CRC is right."""
+    def receive_content(
+        self, content: bytes, t_ns: int | None, t_sample_ns: int | None = None
+    ) -> list[Event]:
+        """Takes the content of one frame whose CRC is right; `t_sample_ns`: UTC of its
+        sample, if it is known and not to be computed.
+        """
         events: list[Event] = []
-        self._on_content(content, t_ns, events)
+        self._on_content(content, t_ns, events, t_sample_ns)
         return events
 
     def _on_content(
-        self, content: bytes, t_ns: int | None, events: list[Event]
+        self,
+        content: bytes,
+        t_ns: int | None,
+        events: list[Event],
+        t_sample_ns: int | None = None,
     ) -> None:
         decoded = messages.decode(content)
         name = decoded.name if isinstance(decoded, Message) else ""
@@ -244,7 +252,9 @@ class Session:
             if isinstance(decoded, Skew):
                 self.headless[decoded.kind] += 1
             return
-        frame = DecodedFrame(content, decoded, decoded.sequence, decoded.time_us, t_ns)
+        frame = DecodedFrame(
+            content, decoded, decoded.sequence, decoded.time_us, t_ns, t_sample_ns
+        )
         if name == "hello" and isinstance(decoded, Message):
             self._on_hello(frame, decoded, events)
         elif self.probe is None:

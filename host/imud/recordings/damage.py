@@ -4,11 +4,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from imud.log.parts import Damage
-from imud.probes.ledger import Account
 
 
 class DamageCount:
@@ -28,16 +25,11 @@ class DamageCount:
         self.places += not damage.is_tail
         self.is_cut = self.is_cut or damage.is_tail
 
-    @contextmanager
-    def heard(self, probe: str, account: Account) -> Iterator[None]:
-        """While a message of that probe is received."""
-        if self._due.get(probe, 0) == self.places:
-            yield
-            return
-        self._due[probe] = self.places
-        before = account.lost
-        yield
-        self.lost[probe] += max(0, account.lost - before)
+    def hear(self, probe: str, lost: int) -> None:
+        """A message of that probe, with so many lost before it."""
+        if self._due.get(probe, 0) != self.places:
+            self._due[probe] = self.places
+            self.lost[probe] += max(0, lost)
 
     def words(self) -> str:
         """Where it is damaged; empty: nowhere. A truncated log has

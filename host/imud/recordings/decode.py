@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from imud import rotation
 from imud.card import disk
@@ -151,28 +150,50 @@ def events_of_log(
 
     They passed the daemon's checks when they came; the same checks are made again.
     """
-    sessions: dict[str, Session] = {}
-    times: dict[bytes, Logged] = {}  # of frames that come later
+    sessions = LogSessions(path, tally)
     for record in records:
+        yield from sessions.receive(record)
+    yield from sessions.close()
+
+
+class LogSessions:
+    """The sessions of the probes in a log."""
+
+    def __init__(self, path: Path, tally: Tally) -> None:
+        self._path, self._tally = path, tally
+        self._sessions: dict[str, Session] = {}
+
+    def receive(
+        self, record: LogHead | Logged | Damage
+    ) -> Iterator[tuple[str, Iterable[Event]]]:
+        """The events of a frame, and whose they are; of other records there are none.
+        FileError for another schema.
+        """
         if isinstance(record, LogHead):
-            _check_schema(path, record)
-            continue
+            _check_schema(self._path, record)
+            return
         if isinstance(record, Damage):
-            tally.damage.add(record)
-            continue
-        probe = tally.probe(record.probe)
-        if record.probe not in sessions:
-            sessions[record.probe] = Session(partial(_same, probe), None, probe)
-        session = sessions[record.probe]
+            self._tally.damage.add(record)
+            return
+        probe = self._tally.probe(record.probe)
+        session = self._sessions.get(record.probe)
+        if session is None:
+            session = Session(partial(_same, probe), None, probe)
+            self._sessions[record.probe] = session
         if record.topic in _INTRODUCE:
             _INTRODUCE[record.topic](probe, record.data)
         elif record.topic == "frame":
-            times[record.data] = record
-            with tally.damage.heard(record.probe, probe.account):
-                events = session.receive_content(record.data, record.t_ns)
-            yield record.probe, _dated(events, times)
-    for name, session in sessions.items():
-        yield name, _dated(session.close(), times)
+            before = probe.account.lost
+            events = session.receive_content(
+                record.data, record.t_ns, record.t_sample_ns
+            )
+            self._tally.damage.hear(record.probe, probe.account.lost - before)
+            yield record.probe, events
+
+    def close(self) -> Iterator[tuple[str, Iterable[Event]]]:
+        """The events of what waited."""
+        for name, session in self._sessions.items():
+            yield name, session.close()
 
 
 def _introduce(probe: Probe, hello: bytes) -> None:
@@ -186,25 +207,6 @@ def _introduce(probe: Probe, hello: bytes) -> None:
 
 # What metadata say of a probe, by their topic.
 _INTRODUCE = {"hello": _introduce, "params_records": Probe.add_params}
-
-
-def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:
-    """Keeps the logged times: they are not computed again."""
-    for event in events:
-        if isinstance(event, Received):
-            logged = times.pop(event.content, None)
-            if logged is None:
-                yield event
-                continue
-            stamp = replace(
-                event.stamp,
-                t_ns=logged.t_sample_ns,
-                t_bound_ns=None,
-                t_received_ns=logged.t_ns,
-            )
-            yield replace(event, stamp=stamp)
-        else:
-            yield event
 
 
 def _same(probe: Probe, _: str) -> Probe:

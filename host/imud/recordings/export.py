@@ -6,14 +6,14 @@ from __future__ import annotations
 import contextlib
 import csv
 import sys
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
+import numpy as np
 from msgspec import inspect
 
 from imud import published
@@ -24,23 +24,29 @@ from imud.probes.signs import Signs
 from imud.recordings.damage import DamageCount
 from imud.recordings.each_log import each_of, items_of, tell_flaws, tell_fused
 from imud.recordings.fused import FusedLog
-from imud.rotation import Quat, angles_deg
+from imud.rotation import Quat, to_yaw_pitch_roll
 from imud.stages import COMPUTED
 
 # The range of an integer column, and of the integers that a double holds exactly.
 _INT64, _EXACT = 1 << 63, 1 << 53
 
 UTC_LEAST_S = 946_684_800  # the year 2000: a time before it is since a start
+UTC_END_S = 253_402_300_800  # the year 10,000
 
 GROUP = 16384  # rows in a Parquet group: more than a minute of one probe
+BLOCK = 1024  # objects that become rows at once
 
 Cell = int | float | str | None
+Columns = list[Sequence[Cell]]
 
 
 def _word(value: Any) -> Cell:
-    if isinstance(value, list):
-        return inert(" ".join(map(str, value)))
-    return inert(value) if isinstance(value, str) else None
+    if isinstance(value, list | tuple):
+        value = " ".join(map(str, value))
+    return _inert(value) if isinstance(value, str) else None
+
+
+_inert = lru_cache(maxsize=64)(inert)  # most columns hold few different words
 
 
 def _integer(value: Any) -> Cell:
@@ -144,7 +150,7 @@ class Table(Protocol):
 
     rows: int
 
-    def add(self, row: list[Cell]) -> None: ...
+    def add(self, columns: Columns) -> None: ...
     def close(self) -> None: ...
 
 
@@ -157,9 +163,9 @@ class CsvTable:
         self._writer.writerow(names_of(topic))
         self.rows = 0
 
-    def add(self, row: list[Cell]) -> None:
-        self._writer.writerow(row)
-        self.rows += 1
+    def add(self, columns: Columns) -> None:
+        self._writer.writerows(zip(*columns, strict=True))
+        self.rows += len(columns[0])
 
     def close(self) -> None:
         self._file.close()
@@ -188,13 +194,14 @@ class ParquetTable:
         self._writer = parquet.ParquetWriter(
             self._file, self._schema, compression="zstd"
         )
-        self._waiting: list[list[Cell]] = []
+        self._waiting: list[list[Cell]] = [[] for _ in fields]
         self.rows = 0
 
-    def add(self, row: list[Cell]) -> None:
-        self._waiting.append(row)
-        self.rows += 1
-        if len(self._waiting) == GROUP:
+    def add(self, columns: Columns) -> None:
+        for waiting, column in zip(self._waiting, columns, strict=True):
+            waiting += column
+        self.rows += len(columns[0])
+        if len(self._waiting[0]) >= GROUP:
             self._write()
 
     def close(self) -> None:
@@ -205,45 +212,102 @@ class ParquetTable:
             self._file.close()
 
     def _write(self) -> None:
-        if self._waiting:
-            columns = [list(column) for column in zip(*self._waiting, strict=True)]
+        if self._waiting[0]:
             arrays = [
                 self._arrow.array(column, field.type)
-                for column, field in zip(columns, self._schema, strict=True)
+                for column, field in zip(self._waiting, self._schema, strict=True)
             ]
             self._writer.write_table(
                 self._arrow.Table.from_arrays(arrays, schema=self._schema)
             )
-            self._waiting.clear()
+            for column in self._waiting:
+                column.clear()
 
 
 def names_of(topic: str) -> list[str]:
     return [name for column in COLUMNS[topic].values() for name in column.names]
 
 
-def row_of(topic: str, fields: Mapping[str, Any]) -> list[Cell]:
-    """A row of a table. A value of an unexpected type counts as not available."""
-    row: list[Cell] = []
-    for path, count, cell in _plan(topic):
-        value: Any = fields
-        for part in path:
-            value = value.get(part) if isinstance(value, dict) else None
+def columns_of(topic: str, objects: Sequence[Mapping[str, Any]]) -> Columns:
+    """The columns of a table. A value of an unexpected type counts as not available."""
+    columns: Columns = []
+    for key, column in COLUMNS[topic].items():
+        values: list[Any] = [*objects]
+        for part in key.split("."):
+            values = [v.get(part) if isinstance(v, dict) else None for v in values]
+        count = len(column.names)
         if count == 1:
-            row.append(cell(value))
-        elif isinstance(value, list) and len(value) == count:
-            row.extend(map(cell, value))
-        else:
-            row.extend([None] * count)
-    return row
+            columns.append(_cells(column.cell, values))
+            continue
+        none = (None,) * count
+        rows = [
+            v if isinstance(v, list | tuple) and len(v) == count else none
+            for v in values
+        ]
+        columns += [_cells(column.cell, each) for each in zip(*rows, strict=True)]
+    return columns
 
 
-@cache
-def _plan(topic: str) -> list[tuple[list[str], int, Callable[[Any], Cell]]]:
-    """Of each key of a table: where its value stands, its columns, and their kind."""
-    return [
-        (key.split("."), len(column.names), column.cell)
-        for key, column in COLUMNS[topic].items()
-    ]
+def _cells(cell: Callable[[Any], Cell], values: Sequence[Any]) -> Sequence[Cell]:
+    kinds = {*map(type, values)}
+    is_plain = cell is _number and kinds <= {float, type(None)}
+    return values if is_plain else [*map(cell, values)]
+
+
+class _Objects:
+    """Those of one probe and topic, which become rows of a table."""
+
+    def __init__(self, topic: str, table: Table) -> None:
+        self.table = table
+        self._topic = topic
+        self._signs = Signs()
+        self._waiting: list[dict[str, Any]] = []
+
+    def add(self, fields: dict[str, Any]) -> None:
+        self._waiting.append(fields)
+        if len(self._waiting) == BLOCK:
+            self.write()
+
+    def write(self) -> None:
+        if self._waiting:
+            self._complete()
+            self.table.add(columns_of(self._topic, self._waiting))
+            self._waiting.clear()
+
+    def _complete(self) -> None:
+        """Adds a time that people read. A quaternion, if it is one, gets the sign that
+        continues the last pose's, and its nautical angles.
+        """
+        turned, quats = [], []
+        for fields in self._waiting:
+            fields["time_utc"] = _utc(fields.get("t_ns"))
+            try:
+                q = msgspec.convert(fields.get("q"), Quat)
+            except msgspec.ValidationError:
+                continue
+            if self._topic == "pose":
+                t_us = fields.get("t_device_us")
+                q = self._signs.steady(q, t_us if isinstance(t_us, int) else None)
+                fields["q"] = q
+            turned.append(fields)
+            quats.append(q)
+        if turned:
+            angles = np.degrees(to_yaw_pitch_roll(np.array(quats))).tolist()
+            for fields, each in zip(turned, angles, strict=True):
+                fields["angles_deg"] = each
+
+
+def _utc(t_ns: object) -> str | None:
+    """A time as people and spreadsheets read it. A capture has the probe's alone."""
+    if not isinstance(t_ns, int) or not UTC_LEAST_S <= t_ns // 10**9 < UTC_END_S:
+        return None
+    seconds, ns = divmod(t_ns, 10**9)
+    return f"{_second(seconds)}.{ns // 1000:06d}Z"
+
+
+@lru_cache(maxsize=16)  # a probe's messages of a second come together
+def _second(utc_s: int) -> str:
+    return f"{datetime.fromtimestamp(utc_s, UTC):%Y-%m-%dT%H:%M:%S}"
 
 
 def _kind(to: str) -> Callable[[Path, str], Table]:
@@ -284,8 +348,8 @@ def _export(
     fused: FusedLog | None,
 ) -> None:
     """Writes STEM-PROBE-TOPIC.csv or .parquet, and prints what each holds."""
-    tables: dict[Path, Table] = {}
-    signs: defaultdict[str, Signs] = defaultdict(Signs)
+    tables: dict[tuple[str, str], _Objects] = {}
+    files: list[Path] = []
     damage = DamageCount()
     strange = 0
     is_done = False
@@ -297,22 +361,22 @@ def _export(
                 if fields is None:
                     strange += 1
                     continue
-                name = f"{path.stem}-{item.probe}-{item.topic}.{to}"
-                file = directory / _printable(name)
-                if file not in tables:
-                    tables[file] = make(file, item.topic)
-                if item.topic == "pose":
-                    _steady(fields, signs[item.probe])
-                if "q" in fields:
-                    _add_angles(fields)
-                _add_time(fields)
-                tables[file].add(row_of(item.topic, fields))
+                found = tables.get((item.probe, item.topic))
+                if found is None:
+                    name = _printable(f"{path.stem}-{item.probe}-{item.topic}.{to}")
+                    table = make(directory / name, item.topic)
+                    files.append(directory / name)
+                    found = _Objects(item.topic, table)
+                    tables[item.probe, item.topic] = found
+                found.add(fields)
+            for found in tables.values():
+                found.write()
             is_done = True
         finally:
-            for table in tables.values():
-                table.close()
+            for found in tables.values():
+                found.table.close()
             if not is_done:
-                for file in tables:
+                for file in files:
                     file.unlink(missing_ok=True)
     except FileExistsError as error:
         raise FileError(
@@ -320,39 +384,17 @@ def _export(
         ) from error
     except OSError as error:
         raise FileError(f"can't export to {directory}: {error.strerror}") from error
-    for file, table in tables.items():
-        sys.stdout.write(f"{file}: {table.rows} rows\n")
+    for file, found in zip(files, tables.values(), strict=True):
+        sys.stdout.write(f"{file}: {found.table.rows} rows\n")
     if not tables:
         sys.stdout.write(f"{path} has no messages for a table\n")
     tell_fused(fused)
     tell_flaws(path, strange, damage)
 
 
-def _steady(pose: dict[str, Any], signs: Signs) -> None:
-    """Gives its quaternion, if it is one, the sign that continues the last one's."""
-    with contextlib.suppress(KeyError, msgspec.ValidationError):
-        q = msgspec.convert(pose["q"], Quat, strict=True)
-        t_us = msgspec.convert(pose["t_device_us"], float)
-        pose["q"] = [*signs.steady(q, t_us)]
-
-
-def _add_angles(fields: dict[str, Any]) -> None:
-    """The nautical angles of its quaternion, if it is one."""
-    with contextlib.suppress(msgspec.ValidationError):
-        q = msgspec.convert(fields["q"], Quat, strict=True)
-        fields["angles_deg"] = [*angles_deg(q, "nautical")]
-
-
-def _add_time(fields: dict[str, Any]) -> None:
-    """Its time as people and spreadsheets read it. A capture has the probe's alone."""
-    with contextlib.suppress(KeyError, TypeError, ValueError, OverflowError, OSError):
-        seconds, ns = divmod(fields["t_ns"], 10**9)
-        if seconds >= UTC_LEAST_S:
-            time = datetime.fromtimestamp(seconds, UTC)
-            fields["time_utc"] = f"{time:%Y-%m-%dT%H:%M:%S}.{ns // 1000:06d}Z"
-
-
 def _fields_of(item: Logged) -> dict[str, Any] | None:
+    if item.values is not None:
+        return item.values
     with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
         return msgspec.json.decode(item.data, type=dict[str, Any])
     return None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,21 +16,23 @@ import numpy as np
 
 from imud.config.settings import Config, ProbeSettings
 from imud.log.parts import Damage
-from imud.log.reader import Logged, LogHead
-from imud.probes.record import describe
+from imud.log.reader import METADATA_OF_PROBES, Logged, LogHead
+from imud.probes.record import Stamp, describe
 from imud.probes.references import References
-from imud.probes.session import ProbeFound, Received
-from imud.recordings.decode import Tally, events_of_log
+from imud.probes.session import Event, ProbeFound, Received
+from imud.recordings.decode import LogSessions, Tally
 from imud.stages import COMPUTED, InjectMessage, LogLine
 from imud.stages.fusion import FusionStage
-from imud.wire import messages
+from imud.wire import messages, raws
 from imud.wire.messages import Message
+from imud.wire.raws import Rows
 
 # What cheap gyroscopes are off by where no rest has told, in deg/s.
 UNKNOWN_DEG_S = 0.2
 REST_S = 1.0
 
-_ENCODER = msgspec.json.Encoder()
+RUN, RUN_MIN = 256, 8  # messages that are taken at once
+POSE_ID = next(codec.id for codec in messages.CODECS.values() if codec.name == "pose")
 
 
 class FusedPoses:
@@ -47,6 +49,7 @@ class FusedPoses:
         self.rests: list[list[float]] = []  # mean rates in each, deg/s
         self._resting: list[tuple[float, ...]] = []
         self._resting_us = 0
+        self._last: Received | None = None  # raw message
 
     @property
     def count(self) -> int:
@@ -61,19 +64,48 @@ class FusedPoses:
             self._describe(event.message, event)  # it may move the origin
         elif event.message.name == "raw":
             self.has_field |= event.message.fields["mag"] is not None
+            self._last = event
         for result in self._stage.on_message(event):
             if isinstance(result, InjectMessage):
-                message = cast(Message, messages.decode(result.content))
-                values = self._describe(message, event)
-                if message.name == "pose":
-                    self._follow_rest(values, event)
-                stamp = event.stamp
-                times = (stamp.t_received_ns or 0, stamp.t_ns or 0)
-                yield Logged(
-                    self._name, values["type"], _ENCODER.encode(values), *times
-                )
+                yield self._computed(result.content, event)
             elif isinstance(result, LogLine) and result.is_warning:
                 self.faults.append(result.text)
+
+    def add_run(self, run: Sequence[Logged]) -> Iterator[Logged] | None:
+        """What is computed with raw messages, if they and poses between them continue
+        the raw message that was added last; None: they have to be added one by one.
+        """
+        last, contents = self._last, [each.data for each in run]
+        samples = [each for each in run if each.data[0] == raws.ID]
+        if last is None or len(samples) < RUN_MIN or not self._stage.takes_runs:
+            return None
+        rows, heads = raws.rows_of([s.data for s in samples]), raws.heads_of(contents)
+        account = last.probe.account
+        if rows is None or not account.note_all(contents, heads, run[-1].t_ns):
+            return None
+        return self._of_run(samples, rows, last)
+
+    def _of_run(
+        self, run: Sequence[Logged], rows: Rows, last: Received
+    ) -> Iterator[Logged]:
+        self.has_field |= bool((rows["mag"] != raws.NULL).any())
+        clock, times_us = last.probe.clock, rows["time_us"].tolist()
+        for at, content in self._stage.on_run([each.data for each in run], rows):
+            raw = run[at]
+            device_us = clock.unroll(times_us[at], raw.t_ns)
+            stamp = Stamp(0, 0, device_us, raw.t_sample_ns, None, raw.t_ns)
+            of = Received(last.probe, last.message, raw.data, stamp, last.scales)
+            yield self._computed(content, of)
+
+    def _computed(self, content: bytes, event: Received) -> Logged:
+        message = cast(Message, messages.decode(content))
+        values = self._describe(message, event)
+        if message.name == "pose":
+            self._follow_rest(values, event)
+        if (since := values.get("since_origin")) is not None:
+            values["since_origin"] = msgspec.to_builtins(since)
+        times = event.stamp.t_received_ns or 0, event.stamp.t_ns or 0
+        return Logged(self._name, message.name, b"", *times, values=values)
 
     def _describe(self, message: Message, event: Received) -> dict[str, Any]:
         stamp = event.stamp
@@ -133,18 +165,51 @@ class FusedLog:
         self, path: Path, records: Iterable[LogHead | Logged | Damage]
     ) -> Iterator[LogHead | Logged | Damage]:
         """FileError for a log of another schema."""
-        passed: list[LogHead | Logged | Damage] = []
-
-        def noted() -> Iterator[LogHead | Logged | Damage]:
-            for record in records:
-                if not isinstance(record, Logged) or record.topic not in COMPUTED:
-                    passed.append(record)
+        self._sessions = LogSessions(path, Tally())
+        runs: defaultdict[str, list[Logged]] = defaultdict(list)
+        for record in records:
+            if not isinstance(record, Logged):
+                for run in runs.values():
+                    yield from self._end(run)
+                yield from self._on(self._sessions.receive(record))
                 yield record
+                continue
+            run, data = runs[record.probe], record.data
+            is_frame = record.topic == "frame"
+            is_raw = data[:1] == bytes([raws.ID])
+            is_running = is_raw or (run and data[:1] == bytes([POSE_ID]))
+            if is_frame and is_running and len(data) >= raws.SIZE:
+                run.append(record)
+                if len(run) == RUN:
+                    yield from self._end(run)
+            elif is_frame or record.topic in METADATA_OF_PROBES.values():
+                yield from self._end(run)
+                yield from self._on(self._sessions.receive(record))
+            if record.topic not in COMPUTED:
+                yield record
+        for run in runs.values():
+            yield from self._end(run)
+        yield from self._on(self._sessions.close())
+        for fused in self.probes.values():
+            fused.end_rest(math.inf)
 
-        for name, events in events_of_log(path, Tally(), noted()):
-            yield from passed
-            passed.clear()
-            for event in events:
+    def _end(self, run: list[Logged]) -> Iterator[Logged]:
+        """Takes raw messages of one probe, and poses between them."""
+        if not run:
+            return
+        yield from self._on(self._sessions.receive(run[0]))
+        fused, rest = self.probes.get(run[0].probe), run[1:]
+        run.clear()
+        computed = fused.add_run(rest) if fused is not None else None
+        if computed is not None:
+            yield from computed
+            return
+        for each in rest:
+            yield from self._on(self._sessions.receive(each))
+
+    def _on(self, events: Iterable[tuple[str, Iterable[Event]]]) -> Iterator[Logged]:
+        for name, each in events:
+            for event in each:
                 if isinstance(event, ProbeFound | Received):
                     fused = self.probes.get(name)
                     if fused is None:
@@ -154,6 +219,3 @@ class FusedLog:
                         fused.begin(event)
                     else:
                         yield from fused.add(event)
-        yield from passed
-        for fused in self.probes.values():
-            fused.end_rest(math.inf)

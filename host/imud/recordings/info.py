@@ -62,8 +62,9 @@ class ProbeInfo:
         self.first_ns[topic] = min(item.t_ns, self.first_ns.get(topic, item.t_ns))
         self.last_ns[topic] = max(item.t_ns, self.last_ns.get(topic, item.t_ns))
         if topic == "frame" and is_read:
-            with damage.heard(self.name, self.probe.account):
-                self.session.receive_content(item.data, item.t_ns)
+            before = self.probe.account.lost
+            self.session.receive_content(item.data, item.t_ns)
+            damage.hear(self.name, self.probe.account.lost - before)
 
     def _add_metadata(self, item: Logged, *, is_read: bool) -> None:
         if item.topic == "params_records":

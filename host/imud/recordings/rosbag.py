@@ -59,7 +59,7 @@ class ProbeInLog:
 
     def messages(self, item: Logged) -> list[RosMessage]:
         """Messages for an object of a log; raises one of STRANGE."""
-        values = msgspec.json.decode(item.data, type=dict[str, Any])
+        values = item.values or msgspec.json.decode(item.data, type=dict[str, Any])
         if values.get("since_origin") is not None:
             since = msgspec.convert(values["since_origin"], SinceOrigin)
             values["since_origin"] = since

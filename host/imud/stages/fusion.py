@@ -16,7 +16,7 @@ Samples of other rates than the C's are brought to one of those (`resampled`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -32,6 +32,7 @@ from imud.stages.floats import is_in_floats
 from imud.stages.resampled import Resampler
 from imud.wire import schema
 from imud.wire.messages import Message, place_of
+from imud.wire.raws import Rows
 
 FAILED = "can't compute its poses"
 FAILURE = f"{FAILED}: its raw samples are not available"
@@ -195,6 +196,32 @@ class FusionStage:
             self._poses += 1
             pose = self._replay.pose(message.sequence, message.time_us)
             yield InjectMessage(pose)
+
+    @property
+    def takes_runs(self) -> bool:
+        """Whether the samples of the probe are fused as they are."""
+        plain = self._resampler is not None and self._resampler.is_plain
+        return plain and self._replay is not None
+
+    def on_run(
+        self, contents: Sequence[bytes], rows: Rows
+    ) -> Iterator[tuple[int, bytes]]:
+        """on_message() for raw messages behind one, where none is missing and only
+        poses are between. The place of a message, and what is computed with it.
+        Only where `takes_runs`.
+        """
+        hello, resampler, replay = self._hello, self._resampler, self._replay
+        if hello is None or resampler is None or replay is None:
+            return
+        sequences, times_us = rows["sequence"].tolist(), rows["time_us"].tolist()
+        for at, content in enumerate(contents):
+            sequence, time_us = sequences[at], times_us[at]
+            replay.step(content)
+            if (stroke := replay.stroke(sequence, time_us)) is not None:
+                yield at, stroke
+            if self._is_due(hello, resampler) and time_us != self._own_us:
+                self._poses += 1
+                yield at, replay.pose(sequence, time_us)
 
     def _is_due(self, hello: Message, resampler: Resampler) -> bool:
         """True `pose_rate` times a second, evenly, as core/probe/probe.c has it."""

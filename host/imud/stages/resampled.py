@@ -46,13 +46,18 @@ class Resampler:
         """Of what comes out."""
         return self._rate_hz * self._parts // self._group
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether what comes in comes out."""
+        return self._parts == self._group == 1
+
     def add(
         self, message: Message, content: bytes, *, is_behind_gap: bool = False
     ) -> Sequence[bytes]:
         """The contents that it becomes, the last of which are of its time; none while
         its group is not complete. Nothing is drawn or averaged across a gap.
         """
-        if self._parts == self._group == 1:
+        if self.is_plain:
             return (content,)
         if is_behind_gap:
             self._waiting = [message] if self._parts > 1 else []

@@ -22,7 +22,7 @@ from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.aim import Aim, Target
 from imud.published import SinceOrigin
-from imud.recordings.export import names_of, row_of
+from imud.recordings.export import columns_of, names_of
 
 UPRIGHT = tuple(map(float, rotation.from_heading_pitch_roll(0.0, -math.pi / 2, 0.0)))
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -183,7 +183,8 @@ def test_below_two_degrees_is_reached_from_the_origin_and_not_after_a_restart(
     assert record["since_origin"]["heading_sigma_deg"] < 0.2
     typed = msgspec.convert(record, Pose).since_origin
     assert typed == SinceOrigin(**record["since_origin"])
-    row = dict(zip(names_of("pose"), row_of("pose", record), strict=True))
+    columns = columns_of("pose", [record])
+    row = {n: c for n, (c,) in zip(names_of("pose"), columns, strict=True)}
     for key, value in record["since_origin"].items():
         assert row[f"since_origin_{key}"] == value
 

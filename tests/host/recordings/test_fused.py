@@ -14,7 +14,7 @@ import pytest
 from benchmarks.common import scoring
 from core.desk import lib
 from imud import cli
-from imud.recordings import foreign_log
+from imud.recordings import foreign_log, fused
 from imud.virtual import sensors
 from imud.virtual.motion import Motion
 from imud.wire.frame import encode_frame
@@ -67,15 +67,35 @@ def test_they_are_the_probes_own_in_every_column(tmp_path: Path, capsys: Said) -
     capture.write_bytes(b"\0" + b"".join(map(encode_frame, life.contents)))
     own = poses(capture, tmp_path / "own")
     capsys.readouterr()
-    fused = poses(capture, tmp_path / "fused", "--fuse")
+    computed = poses(capture, tmp_path / "fused", "--fuse")
     assert f"{len(own)} poses computed of its raw samples\n" in capsys.readouterr().out
     assert not [*(tmp_path / "fused").glob("*-raw.csv")]
     others = {"seq", "number", "missing", "t_ns", "time_utc"}  # of another message
-    for rows in (own, fused):
+    for rows in (own, computed):
         for row in rows:
             for name in others & row.keys():
                 del row[name]
-    assert own == fused
+    assert own == computed
+
+
+def test_samples_in_runs_are_fused_as_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    """With messages lost, twice, damaged and of another kind among them."""
+    life = followed().live(400)
+    life.order(lib.COMMAND_TARE, 0)
+    life.live(300)
+    contents = [*life.contents]
+    contents[500:504] = []
+    contents[700:700] = contents[695:700]
+    contents[900] = contents[900][:-1] + b"\xff"
+    capture = tmp_path / "of_a_uart.bin"
+    capture.write_bytes(b"\0" + b"".join(map(encode_frame, contents)))
+    in_runs = poses(capture, tmp_path / "runs", "--fuse")
+    monkeypatch.setattr(fused, "RUN_MIN", 10**6)
+    assert poses(capture, tmp_path / "one", "--fuse") == in_runs
+    assert any("gap" in row["flags"] for row in in_runs)
+    capsys.readouterr()
 
 
 @pytest.mark.sampled(2)
