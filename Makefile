@@ -125,7 +125,7 @@ pictures: ## draws the plots of docs/pictures from the results of `make bench`
 
 release: ## builds packages for pip, firmware, lists and sums, of the last commit: build/release/dist
 	@$(PYTHON) tools/setup.py release
-	@python tools/release.py $(if $(NO_SOURCES),--without-sources) $(if $(TWICE),--twice)
+	@python tools/release.py $(if $(NO_SOURCES),--without-sources) $(if $(TWICE),--twice) $(if $(KEY),--key $(KEY))
 
 site: ## builds the documents as a site with search: build/site/html; fails on broken links
 	@$(PYTHON) tools/setup.py release

@@ -18,7 +18,8 @@ import sys
 import tarfile
 import time
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ import debian
 import locked
 import notices
 import quietly
+import release_key
 from needs import PICOS
 from pico_sources import PicoSources
 
@@ -53,6 +55,8 @@ EMULATORS = ("nano", "f405")
 # Debian's sources of what is inside the emulators.
 SOURCES = ("simavr", "unicorn-engine", "elfutils")
 
+Sign = Callable[[Path], Path]  # writes a file's signature beside it
+
 
 class ReleaseError(Exception):
     """It can't be built; the message says why and what to do."""
@@ -61,9 +65,9 @@ class ReleaseError(Exception):
 class Release:
     """One build, in a folder of its own."""
 
-    def __init__(self, place: Path, signature: Path | None = None) -> None:
+    def __init__(self, place: Path, sign: Sign | None = None) -> None:
         self.place = place
-        self._signature = signature
+        self._sign = sign
         self.source = place / "source"
         self.dist = place / "dist"
         self.version = version_of(ROOT)
@@ -119,8 +123,10 @@ class Release:
         rows.append(self._build_pico(folder))
         text = json.dumps({"images": rows}, indent=2)
         (folder / "manifest.json").write_text(text + "\n")
-        if self._signature is not None:
-            shutil.copy(self._signature, folder / "manifest.json.sig")
+        if self._sign is not None:
+            self._sign(folder / "manifest.json")
+        keys = self.source / "host" / "imud" / "flash" / "release_keys.txt"
+        release_key.check(folder, keys)
         parts = (*notices.FIRMWARE, *notices.of_pico(PicoSources().folder))
         self._name(package, "imu_probe_firmware", parts)
         self._wheel(package, self.dist)
@@ -303,7 +309,13 @@ def main() -> int:
         "--signature",
         metavar="FILE",
         type=Path,
-        help="of the firmware's manifest, as tools/release_key.py makes it",
+        help="of the firmware's manifest, signed on a machine without a network",
+    )
+    parser.add_argument(
+        "--key",
+        metavar="FILE",
+        type=Path,
+        help="signs the firmware's manifest; tools/release_key.py makes one",
     )
     parser.add_argument(
         "--twice",
@@ -311,15 +323,17 @@ def main() -> int:
         help="build it again in another folder, and compare",
     )
     args = parser.parse_args()
+    sign: Sign | None = None
+    if args.signature is not None:
+        sign = partial(_copy, args.signature.resolve())
+    if args.key is not None:
+        passphrase = release_key.asked(f"passphrase of {args.key}: ")
+        sign = partial(release_key.sign_file, args.key, passphrase=passphrase)
     try:
-        release = build(
-            PLACE,
-            with_sources=not args.without_sources,
-            signature=args.signature and args.signature.resolve(),
-        )
+        release = build(PLACE, with_sources=not args.without_sources, sign=sign)
         release.report()
         if args.twice:
-            other = build(PLACE / "again", with_sources=False)
+            other = build(PLACE / "again", with_sources=False, sign=sign)
             compare(release, other)
     except ReleaseError as error:
         sys.stderr.write(f"release: {error}\n")
@@ -327,8 +341,12 @@ def main() -> int:
     return 0
 
 
-def build(place: Path, *, with_sources: bool, signature: Path | None = None) -> Release:
-    release = Release(place, signature)
+def _copy(signature: Path, manifest: Path) -> Path:
+    return Path(shutil.copy(signature, f"{manifest}.sig"))
+
+
+def build(place: Path, *, with_sources: bool, sign: Sign | None = None) -> Release:
+    release = Release(place, sign)
     release.take_source()
     release.build_firmware()
     release.build_sim(with_sources=with_sources)

@@ -19,6 +19,14 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_private_key,
 )
 
+from imud.errors import FlashError
+from imud.flash import firmware
+
+# Tests sign with it. Anyone can, so no release may know it.
+TEST_KEY = Ed25519PrivateKey.from_private_bytes(
+    b"no secret, only for the tests".ljust(32)
+)
+
 
 def main() -> int:
     parser = argparse.ArgumentParser(
@@ -33,13 +41,13 @@ def main() -> int:
     sign.add_argument("file", type=Path)
     args = parser.parse_args()
     if args.action == "new":
-        sys.stdout.write(f"{make(args.key, _asked('passphrase for it: '))}\n")
+        sys.stdout.write(f"{make(args.key, asked('passphrase for it: '))}\n")
     else:
-        sys.stdout.write(f"{sign_file(args.key, args.file, _asked('passphrase: '))}\n")
+        sys.stdout.write(f"{sign_file(args.key, args.file, asked('passphrase: '))}\n")
     return 0
 
 
-def _asked(text: str) -> bytes:
+def asked(text: str) -> bytes:
     passphrase = getpass.getpass(text).encode()
     if not passphrase:
         raise SystemExit("a key without a passphrase is not secret; enter one")
@@ -72,6 +80,24 @@ def sign_file(path: Path, file: Path, passphrase: bytes) -> Path:
     signature = file.with_name(f"{file.name}.sig")
     signature.write_text(key.sign(file.read_bytes()).hex() + "\n", "ascii")
     return signature
+
+
+def check(folder: Path, keys: Path) -> None:
+    """SystemExit unless the manifest in a folder is signed by one of those keys, or
+    not at all, and none of them is the tests'.
+    """
+    if TEST_KEY.public_key().public_bytes_raw().hex() in keys.read_text("ascii"):
+        raise SystemExit(
+            f"{keys} has the key of the tests, which anyone has: remove it"
+        )
+    if not (folder / firmware.SIGNATURE).exists():
+        return
+    try:
+        is_signed = firmware.is_signed(folder, keys)
+    except FlashError as error:
+        raise SystemExit(f"the key is none of {keys}: {error}") from error
+    if not is_signed:
+        raise SystemExit(f"{keys} is empty: add the line of the key, and commit it")
 
 
 if __name__ == "__main__":

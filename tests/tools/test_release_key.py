@@ -34,3 +34,26 @@ def test_a_key_is_kept_from_others_and_never_replaced(tmp_path: Path) -> None:
         release_key.make(key, b"another")
     with pytest.raises(SystemExit, match="wrong passphrase, or not a key"):
         release_key.sign_file(key, key, b"another")
+
+
+def test_a_release_refuses_the_key_of_the_tests(tmp_path: Path) -> None:
+    manifest, keys = tmp_path / "manifest.json", tmp_path / "release_keys.txt"
+    manifest.write_text('{"images": []}')
+    keys.write_text("# none\n")
+    release_key.check(tmp_path, keys)
+    (tmp_path / firmware.SIGNATURE).write_text(
+        release_key.TEST_KEY.sign(manifest.read_bytes()).hex()
+    )
+    with pytest.raises(SystemExit, match="is empty: add the line of the key"):
+        release_key.check(tmp_path, keys)
+    own = release_key.make(tmp_path / "key.pem", b"only a test")
+    keys.write_text(f"{own}\n")
+    with pytest.raises(SystemExit, match="the key is none of"):
+        release_key.check(tmp_path, keys)
+    public = release_key.TEST_KEY.public_key().public_bytes_raw().hex()
+    keys.write_text(f"{own}\n{public}  # slipped in\n")
+    with pytest.raises(SystemExit, match="has the key of the tests"):
+        release_key.check(tmp_path, keys)
+    keys.write_text(f"{own}\n")
+    release_key.sign_file(tmp_path / "key.pem", manifest, b"only a test")
+    release_key.check(tmp_path, keys)
