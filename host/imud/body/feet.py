@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,6 +17,7 @@ from imud.body.mounting import Mount
 from imud.body.stance import StanceDetector
 from imud.body.state import Contact, vector
 from imud.body.tracks import Track
+from imud.body.zero_velocity import Clipped
 from imud.gravity import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
@@ -29,6 +31,7 @@ class Foot:
     def __init__(self) -> None:
         self._walker: Walker | None = None
         self._last_s: float | None = None
+        self._clipped_s = -math.inf  # the last sample at the end of a range
         self._rests = 0  # before that walker
         # Of poses alone, which have no forces.
         self._turns = StanceDetector()
@@ -36,8 +39,8 @@ class Foot:
         self._is_down = False
 
     def update(self, samples: FloatArray, pose: Pose) -> None:
-        """Samples since the last call, rows of (n, 7): time s, rates rad/s, forces m/s2
-        of the probe; and the pose at about their time.
+        """Samples since the last call, rows of (n, 9): time s, rates rad/s, forces m/s2
+        of the probe, whether each is clipped; and the pose at about their time.
         """
         for row in samples:
             time_s = float(row[0])
@@ -48,7 +51,9 @@ class Foot:
             if self._walker is None:
                 self._walker = Walker()
             self._last_s = time_s
-            self._walker.update(time_s, passed_s, (row[1:4], row[4:7]), pose)
+            clipped = Clipped(*map(bool, row[7:9]))
+            self._clipped_s = time_s if any(row[7:9]) else self._clipped_s
+            self._walker.update(time_s, passed_s, (row[1:4], row[4:7]), pose, clipped)
 
     def turn(self, time_s: float, gyr: FloatArray) -> None:
         """A moment of a probe that sends poses alone: rates show rests, not places."""
@@ -70,10 +75,14 @@ class Foot:
         self._calm_s, self._is_down = 0.0, False
 
     def remark(self) -> str | None:
-        """A remark if it has not rested for long, with the error of its position."""
+        """A remark if it has not rested for long, with the error of its position, or if
+        it moves beyond what its sensors measure.
+        """
         walker = self._walker
         if walker is None or walker.rest is None or self._last_s is None:
             return None
+        if self._last_s - self._clipped_s <= contact.LONG_S:
+            return "beyond the range of its sensors: its path is less certain"
         away_s = self._last_s - walker.rest.end_s
         if away_s <= contact.LONG_S:
             return None

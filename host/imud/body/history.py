@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,6 +29,9 @@ class ProbeHistory:
     raws: deque[tuple[float, ...]] = field(default_factory=deque)
     bound_us: int | None = None
     is_dated: bool = True  # the UTC of its last pose is known
+    turned_s: float = math.inf  # since when its heading may be another
+    _device_us: int = 0
+    _flags: frozenset[str] = frozenset()
     bias_rad_s: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @property
@@ -42,6 +46,17 @@ class ProbeHistory:
                 return row[0] == time_s or later_s - row[0] <= GAP_S
             later_s = row[0]
         return False
+
+    def look(self, time_s: float, device_us: int, flags: Sequence[str]) -> None:
+        """Whether it has restarted, or got an origin or lost one, before the pose of
+        that time, the device's time, and flags.
+        """
+        now = frozenset(flags) & {"starting", "tared"}
+        changed = now ^ self._flags
+        is_new = "tared" in changed or "starting" in changed & now
+        if self.poses and (is_new or device_us < self._device_us):
+            self.turned_s = min(self.turned_s, time_s)
+        self._device_us, self._flags = device_us, now
 
     def add_pose(
         self,
@@ -61,19 +76,23 @@ class ProbeHistory:
         time_s: float,
         gyr: tuple[float, float, float],
         acc: tuple[float, float, float],
+        flags: Sequence[str] = (),
     ) -> None:
         """A rate, rad/s, and a specific force, m/s2, in the probe's frame."""
-        _append(self.raws, (time_s, *gyr, *acc), self.kept_s)
+        clipped = ("gyr_clipped" in flags, "acc_clipped" in flags)
+        _append(self.raws, (time_s, *gyr, *acc, *clipped), self.kept_s)
 
     def samples(self, after_s: float, until_s: float) -> FloatArray:
-        """The samples then, rows of time, rates without bias, forces: (n, 7)."""
+        """The samples then, rows of time, rates without bias, forces, and whether each
+        of both is clipped: (n, 9).
+        """
         found = []
         for row in reversed(self.raws):
             if row[0] <= after_s:
                 break
             if row[0] <= until_s:
                 found.append(row)
-        rows = np.array(found[::-1]).reshape(-1, 7)
+        rows = np.array(found[::-1]).reshape(-1, 9)
         rows[:, 1:4] -= self.bias_rad_s
         return rows
 
@@ -92,7 +111,7 @@ class ProbeHistory:
         is_far = (times_s < raws[0, 0]) | (times_s > raws[-1, 0])
         after = np.clip(np.searchsorted(raws[:, 0], times_s), 1, len(raws) - 1)
         is_far |= raws[after, 0] - raws[after - 1, 0] > RAW_GAP_S
-        columns = [np.interp(times_s, raws[:, 0], each) for each in raws[:, 1:].T]
+        columns = [np.interp(times_s, raws[:, 0], each) for each in raws[:, 1:7].T]
         values = np.stack(columns, axis=1)
         values[is_far] = np.nan
         if is_far.all():

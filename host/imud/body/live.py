@@ -94,6 +94,7 @@ class LiveBody:
     def state(self, now_s: float) -> BodyState:
         """The state to publish. Call it with rising times, some dozens a second."""
         time_s = now_s - self._delay_s
+        self._restart(time_s)
         presences = {s.name: self._presence(s, now_s) for s in self.chain.segments}
         if now_s - self._looked_s >= GUIDE_S:
             self._looked_s = now_s
@@ -189,6 +190,23 @@ class LiveBody:
             self.stage, self.instruction = "moving", MOVE
         if any(each[0] > end_s + session.MOTION_S for each in spans):
             self._align(found, time_s)
+
+    def _restart(self, time_s: float) -> None:
+        """Begins again what rests on the heading of a probe that has another now."""
+        for segment in self.chain.segments:
+            history = self.histories.get(segment.probe or "")
+            if history is None or time_s < history.turned_s:
+                continue
+            history.turned_s = math.inf
+            for parent, child in self.chain.joints():
+                if segment in (parent, child):
+                    self._steps.pop(child.name, None)
+            if self.stage in ("standing", "moving"):
+                self.stage, self._begun_s = "standing", time_s
+                words = f"the probe of {segment.name} restarted or got another origin"
+                self.instruction = f"{words}. Start again: {STAND}"
+            elif self._zeroed_s < math.inf:
+                self._end_zeros()
 
     def _is_away(self, segment: Segment, time_s: float) -> bool:
         """Whether it has been silent for too long for an alignment or a zero."""

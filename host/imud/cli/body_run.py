@@ -269,12 +269,14 @@ def add_delivery(body: LiveBody, topic: str, delivery: Delivery) -> None:
             history.is_dated = pose.t_ns is not None and pose.t_bound_us is not None
             if pose.t_ns is not None and history.is_dated:
                 history.bound_us = pose.t_bound_us
+                history.look(pose.t_ns * 1e-9, pose.t_device_us, pose.flags)
                 sigmas = _radians(pose.tilt_sigma_deg), _radians(pose.heading_sigma_deg)
                 history.add_pose(pose.t_ns * 1e-9, pose.q, sigmas)
             return
         raw = _RAW.decode(delivery.payload)
         if raw.t_ns is not None and raw.gyr_rad_s and raw.acc_m_s2:
-            history.add_raw(raw.t_ns * 1e-9, raw.gyr_rad_s, raw.acc_m_s2)
+            time_s = raw.t_ns * 1e-9
+            history.add_raw(time_s, raw.gyr_rad_s, raw.acc_m_s2, raw.flags)
 
 
 def _radians(degrees: float | None) -> float:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 from functools import cache
 
@@ -205,7 +206,9 @@ def test_live_and_recorded_feet_agree():
     walk = made_gait.made(GAITS["fast walk"], 6, 35, SENSOR)
     track = contact.faced(track_of(walk))
     assert track.acc is not None
-    rows = np.concatenate([track.times_s[:, None], track.gyr, track.acc], axis=1)
+    inside = np.zeros((len(track.gyr), 2))
+    columns = [track.times_s[:, None], track.gyr, track.acc, inside]
+    rows = np.concatenate(columns, axis=1)
     foot = Foot()
     for first in range(0, len(rows), 8):
         pose = track.quat[first], float(track.tilt_sigma[first])
@@ -224,7 +227,7 @@ def test_live_and_recorded_feet_agree():
 def test_a_live_foot_reports_a_missing_rest_and_restarts_after_a_loss():
     foot, pose = Foot(), (np.array([1.0, 0.0, 0.0, 0.0]), 0.01, float("nan"))
     times_s = np.arange(2000) / 200.0
-    rows = np.zeros((2000, 7))
+    rows = np.zeros((2000, 9))
     rows[:, 0] = times_s
     rows[:, 6] = GRAVITY_M_S2
     rows[400:, 1] = 3.0 * np.sin(20.0 * times_s[400:])
@@ -232,6 +235,13 @@ def test_a_live_foot_reports_a_missing_rest_and_restarts_after_a_loss():
     remark = foot.remark()
     assert remark.startswith("no rest for 8 s: its position error is up to ")
     assert not foot.state().is_down
+    rows[:100, 0] += times_s[-1] + 0.005
+    sure = deepcopy(foot)
+    sure.update(rows[:100], pose)
+    rows[:100, 7] = 1.0
+    foot.update(rows[:100], pose)
+    assert foot.remark().startswith("beyond the range of its sensors")
+    assert foot._walker.sigmas.max() > 2.0 * sure._walker.sigmas.max()
     foot.lose()
     assert foot.state().place_m is None
     assert foot.remark() is None

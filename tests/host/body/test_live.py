@@ -93,6 +93,10 @@ class Desk:
             turn_rad += self.back_rad
         turn = heading.about_up(np.array(turn_rad))
         w, x, y, z = rotation.multiply(turn, np.array(quat)).tolist()
+        device_us = round(1e6 * (time_s - UTC_S))
+        if turn_rad and self.back_rad:  # it has restarted
+            device_us -= round(1e6 * self.silent[name][1])
+        history.look(time_s, device_us, ())
         history.add_pose(time_s, (w, x, y, z), SIGMAS)
         if self.has_raw:
             p, q, r = (each + self.bias_rad_s for each in gyr)
@@ -211,10 +215,12 @@ def test_a_lost_probe_is_missing_and_never_still():
     assert list(dict.fromkeys(presences)) == ["late", "missing"]
 
 
-@pytest.mark.parametrize("name", ["thigh", "shank"])
-def test_a_probe_that_restarted_has_right_angles_at_once(name: str):
+@pytest.mark.parametrize(
+    ("name", "away_s"), [("thigh", 4.3), ("shank", 4.3), ("thigh", 1.2), ("shank", 0.1)]
+)
+def test_a_probe_that_restarted_has_right_angles_at_once(name: str, away_s: float):
     begin_s = made().stages["walk"][0] + 2.0
-    end_s = begin_s + 4.3
+    end_s = begin_s + away_s
     desk = Desk(body(), silent={name: (begin_s, end_s)}, back_rad=1.0)
     off, sigmas = [], []
     for time_s, state in desk.states(end_s + 2.0, skipped_s=end_s - 1.0):

@@ -47,7 +47,8 @@ export class AlignCard {
     });
     const by = state.aligned ? `Aligned by ${state.aligned}.` : "";
     say(this._says, state.says ?? by);
-    say(this._remarks, state.remarks.join("; "));
+    const yet = state.aligned ? [] : ["not aligned yet: no angles and places"];
+    say(this._remarks, [...yet, ...state.remarks].join("; "));
     const rows = state.segments.map((/** @type {Line} */ segment) => {
       const words = segment.presence === "ok" ? "there" : segment.presence;
       return [segment.name, segment.probe ?? "no probe", words, segment.age_us];
