@@ -45,7 +45,8 @@ def show(client: Client, *, as_json: bool, has_ledger: bool = False) -> int:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
     for status in statuses:
-        for sentence in concerns(status):
+        done = status["params"].get("done")
+        for sentence in (*concerns(status), *([done] if done else [])):
             sys.stdout.write(f"{status['probe']}: {sentence}\n")
     if has_ledger:
         for status in statuses:

@@ -18,6 +18,7 @@ from imud.params.condition import (
     Condition,
     advice,
     condition_of,
+    done_words,
     flags_of,
     moved_words,
 )
@@ -147,6 +148,7 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
             if key in ("method", "day") or key.startswith("sigma")
         }
         summed[name] = summed.get(name, {}) | kept
+    summed["done"] = done_words({name: params.plain(name) for name in SENSORS})
     return summed | {"options": described["options"], "own_field": own_field(entry)}
 
 

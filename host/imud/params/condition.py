@@ -35,6 +35,8 @@ class Condition(StrEnum):
 
 
 TITLES = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer"}
+# Of the sigma of each: what the published value is multiplied by, and the unit then.
+UNITS = {"sigma_m_s2": (1.0, "m/s2"), "sigma": (100.0, "%"), "sigma_uT": (1.0, "uT")}
 _WORDS = {
     Condition.UNCALIBRATED: "not calibrated: imud calibrate",
     Condition.OLD: "calibrated over a year ago: imud calibrate verify",
@@ -86,6 +88,37 @@ def moved_words(acc: Mapping[str, Any] | None, temperature_c: float | None) -> s
         f" ({calibrated_c:.0f} degC, now about {now_c:.0f}: tilt may be off by up to "
         f"{tilt_deg:.1f} degrees)"
     )
+
+
+def done_words(sensors: Mapping[str, Mapping[str, Any] | None]) -> str:
+    """When each sensor was calibrated, at which temperature and how well (one sigma),
+    and until when and between which temperatures that holds. `sensors`: values as
+    Params.plain() gives them. Empty: none is calibrated.
+    """
+    parts, days, ranges = [], [], []
+    for name, values in sensors.items():
+        sigmas = [(k, v) for k, v in (values or {}).items() if k in UNITS and v]
+        if not values or not sigmas:
+            continue
+        key, sigma = sigmas[0]
+        scale, unit = UNITS[key]
+        day, degc = values.get("day"), values.get("temperature_c")
+        when = "on an unknown day" if day is None else f"{day}"
+        where = "" if degc is None else f" at {degc:.0f} degC"
+        parts.append(f"{TITLES[name]} {when}{where} to {scale * sigma:.2g} {unit}")
+        days += [] if day is None else [day]
+        if degc is not None:
+            drift = values.get("drift_m_s2_k") or DRIFT_M_S2_K
+            apart = APART_DEGC * DRIFT_M_S2_K / drift
+            ranges.append((degc - apart, degc + apart))
+    again = []
+    if days:
+        again.append(f"after {min(days) + datetime.timedelta(days=OLD_DAYS)}")
+    if ranges:
+        lows, highs = zip(*ranges, strict=True)
+        again.append(f"below {max(lows):.0f} or above {min(highs):.0f} degC")
+    told = f"; again {', '.join(again)}" if again else ""
+    return f"calibrated: {', '.join(parts)}{told}" if parts else ""
 
 
 def flags_of(conditions: Mapping[str, Condition]) -> tuple[str, ...]:

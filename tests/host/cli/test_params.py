@@ -179,6 +179,7 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             "options": {"button_does": "tell", "reference": "none"},
             "own_field": None,
             "advice": "gyroscope and magnetometer not calibrated: imud calibrate",
+            "done": "calibrated: accelerometer on an unknown day to 0.012 m/s2",
             "flags": [],
         }
         with Client(chain.daemon.endpoint) as late:

@@ -20,6 +20,7 @@ from imud.params.condition import (
     Condition,
     advice,
     condition_of,
+    done_words,
     flags_of,
     moved_words,
 )
@@ -99,6 +100,26 @@ def test_what_is_assumed_of_a_drift_is_what_the_wire_calls_unknown():
     assert drift.plain(drift.wire(None)) is None
     assert drift.wire(DRIFT_M_S2_K) == drift.null
     assert drift.wire(255 / 12800) == (255,)
+
+
+def test_words_say_when_a_calibration_was_done_and_when_it_is_due_again():
+    acc = {"sigma_m_s2": 0.0123, "day": DAY, "temperature_c": 24.0}
+    acc["drift_m_s2_k"] = 2.0 * DRIFT_M_S2_K  # it holds half as far
+    known = {
+        "acc": acc,
+        "gyr": GOOD | {"sigma_uT": None, "sigma": 0.002},
+        "mag": GOOD | {"day": DAY - datetime.timedelta(days=30)},
+    }
+    assert done_words(known) == (
+        "calibrated: accelerometer 2026-11-23 at 24 degC to 0.012 m/s2, gyroscope "
+        "2026-11-23 at 25 degC to 0.2 %, magnetometer 2026-10-24 at 25 degC to 0.1 uT; "
+        "again after 2027-10-24, below 19 or above 29 degC"
+    )
+    no_more = {"sigma_uT": 0.1, "day": None, "temperature_c": None}
+    assert done_words({"mag": no_more, "acc": None, "gyr": {}}) == (
+        "calibrated: magnetometer on an unknown day to 0.1 uT"
+    )
+    assert done_words({"acc": {}}) == ""
 
 
 def test_a_day_that_is_not_known_is_no_reproach():

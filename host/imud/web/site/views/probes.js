@@ -33,12 +33,14 @@ class Row {
     this._sum = make("span", { class: "chip" });
     this._open = make("a", { href: `#/probe/${encodeURIComponent(name)}`, title: name }, name);
     this._about = make("p", { class: "muted small" });
+    this._done = make("p", { class: "muted small" }); // of its calibration
     this._concerns = make("span", { class: "flags", "data-part": "concerns" });
     this.element = make(
       "article",
       { class: "card", "data-probe": name },
       make("div", { class: "card-head" }, make("h1", {}, this._open), this._age, this._state),
       this._about,
+      this._done,
       this._concerns,
       this._update.element,
       this._list,
@@ -105,6 +107,7 @@ class Row {
     const about = [hello?.board, hello?.sensor, hello?.firmware, status.port ?? "no port", id];
     say(this._about, about.filter(Boolean).join(" · "));
     showChips(this._concerns, concerns(status), "sentence");
+    say(this._done, status.params?.done ?? "");
     this._fact("rate", `${fixed(status.pose_rate_hz, 1)} Hz`);
     const lost = both(ledger, "lost");
     this._fact("lost", `${whole(lost)} of ${whole(both(ledger, "sent"))}`, lost > 0);
