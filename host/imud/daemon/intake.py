@@ -262,9 +262,10 @@ class Intake:
         if not entry.is_alive:
             self._publisher.set_alive(entry, is_alive=True)
         self.stages.on_message(entry, event)
-        action = entry.gesture(str(message.fields.get("event")), event.stamp)
-        if action is not None:
-            self.on_gesture(entry, action)
+        if message.name == "event" or entry.gestures.clicked_us is not None:
+            action = entry.gesture(str(message.fields.get("event")), event.stamp)
+            if action is not None:
+                self.on_gesture(entry, action)
 
     def _pose(self, entry: ProbeEntry, _: Received, values: Values) -> None:
         entry.poses += 1

@@ -39,9 +39,9 @@ class RecordPublisher:
             values = entry.aim.measure(record.values, captured)
             self.say(entry, AIM, values, record.t_ns, record.sequence)
         closing = entry.closer.on_record(record.values) if record.values else None
-        is_other = entry.tells_button and entry.button[1] != "path"
-        if closing is not None and not is_other:
-            self.say_closing(entry, closing, "button", record.t_ns)
+        if closing is None or (entry.tells_button and entry.button[1] != "path"):
+            return
+        self.say_closing(entry, closing, "button", record.t_ns)
 
     def say_closing(
         self, entry: ProbeEntry, closing: Mapping[str, Any], by: str, t_ns: int

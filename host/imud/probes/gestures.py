@@ -19,14 +19,14 @@ class Gestures:
 
     def __init__(self) -> None:
         self._pressed_us: int | None = None  # none: its release means nothing
-        self._clicked_us: int | None = None  # pressed then; a second one may follow
+        self.clicked_us: int | None = None  # pressed then; a second one may follow
 
     def look(self, t_us: int) -> str | None:
         """A click, once anything of later than a second press has come."""
-        begin_us = self._clicked_us
+        begin_us = self.clicked_us
         if begin_us is None or t_us - begin_us <= DOUBLE_US + LATE_US:
             return None
-        self._clicked_us = None
+        self.clicked_us = None
         return "click"
 
     def on_event(self, name: str, t_us: int, *, is_after_gap: bool) -> str | None:
@@ -34,9 +34,9 @@ class Gestures:
         `is_after_gap`: messages before it were lost, which may have been others.
         """
         if is_after_gap:
-            self._pressed_us = self._clicked_us = None
+            self._pressed_us = self.clicked_us = None
         if name == PRESSED:
-            before_us, self._clicked_us = self._clicked_us, None
+            before_us, self.clicked_us = self.clicked_us, None
             is_double = before_us is not None and t_us - before_us <= DOUBLE_US
             self._pressed_us = None if is_double else t_us
             return "double" if is_double else None
@@ -45,6 +45,6 @@ class Gestures:
             return None
         held_us = t_us - begin_us
         if 0 < held_us <= DOUBLE_US:
-            self._clicked_us = begin_us
+            self.clicked_us = begin_us
         found = (name for name, (a, b) in HELD.items() if a <= held_us < b)
         return next(found, None)
