@@ -70,9 +70,12 @@ class HostClock:
 
     def _notice_pause(self, now_ns: int) -> None:
         """Silence of a time in which imud did not run is nobody's."""
-        slept, self._slept_ns = slept_ns() - self._slept_ns, slept_ns()
+        slept = slept_ns() - self._slept_ns
+        self._slept_ns += slept
         looked_ns, self._looked_ns = self._looked_ns, now_ns
         stood_ns = 0 if looked_ns is None else now_ns - looked_ns - slept
+        if slept < SLEPT_NS and stood_ns < STOOD_NS:
+            return
         for pause_ns, least_ns, reason in (
             (slept, SLEPT_NS, "slept"),
             (stood_ns, STOOD_NS, "stood_still"),

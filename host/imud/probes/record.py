@@ -139,7 +139,8 @@ def describe(
     }
     if stamp.whose is not None:
         head["utc_host"], head["utc_bound_us"] = stamp.whose
-    if message.name not in _PUBLISHED:
+    published_fields = _PUBLISHED.get(message.name)
+    if published_fields is None:
         head |= {name: plain(value) for name, value in fields.items()}
         if message.name == "self_test":
             head["verdicts"] = _verdicts(message, scales)
@@ -147,12 +148,13 @@ def describe(
     if message.name == "raw":
         head["acc_m_s2"], head["gyr_rad_s"], head["mag_uT"] = scales.measure(content)
         head["params_digest"] = scales.digest
-    for name, field in _PUBLISHED[message.name]:
+    for name, field in published_fields:
         head[name] = fields[field]
-    if message.name == "stroke":
+    if message.name == "pose":
+        if references is not None:
+            head["since_origin"] = references.on_pose(head)
+    elif message.name == "stroke":
         head |= _of_a_stroke(fields)
-    elif message.name == "pose" and references is not None:
-        head["since_origin"] = references.on_pose(head)
     elif message.name == "event" and references is not None:
         references.on_event(fields, stamp.t_device_us)
     return head

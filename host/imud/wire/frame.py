@@ -37,7 +37,8 @@ class FrameDecoder:
     """
 
     def __init__(self, fingerprint: object = schema.FINGERPRINT) -> None:
-        self._before = Counter[str]()  # of the schemas before
+        self._before = Counter[str]()  # frames of the schemas before
+        self._bad_before = 0
         self._begin(kept.find(fingerprint) or kept.OURS)
 
     def _begin(self, speaks: KeptSchema) -> None:
@@ -46,31 +47,37 @@ class FrameDecoder:
 
     def feed(self, data: bytes) -> list[bytes]:
         """The content of each good frame that these bytes complete, without its CRC."""
-        before = self._decoder.stats()
         contents = self._decoder.feed(data)
         for content in contents:
             if content[0] == HELLO_ID:
                 speaks = kept.find(kept.fingerprint_of(content))
                 if speaks is not None and speaks is not self.speaks:
-                    self._before += Counter(before)
-                    self._begin(speaks)
-                    contents = self._again(content, data)
+                    contents = self._again(speaks, content, data)
                     break
         if self.speaks is kept.OURS:
             return contents
         return [self.speaks.to_ours(content) for content in contents]
 
-    def _again(self, hello: bytes, data: bytes) -> list[bytes]:
-        """The contents in a chunk that holds a hello of the schema, or its end."""
-        if encode_frame(hello) in data:
-            return self._decoder.feed(data)
-        self._before["ok"] += 1
-        return [hello, *self._decoder.feed(data[data.find(0) + 1 :])]
+    def _again(self, speaks: KeptSchema, hello: bytes, data: bytes) -> list[bytes]:
+        """The contents by another schema in a chunk that holds a hello of it, or the
+        hello's end.
+        """
+        is_whole = encode_frame(hello) in data
+        rest = data if is_whole else data[data.find(0) + 1 :]
+        self._before.update(self._decoder.stats())
+        # What it has counted of the rest is counted by the schema that follows.
+        self._begin(self.speaks)
+        self._decoder.feed(rest)
+        self._before.subtract(self._decoder.stats())
+        self._bad_before = self._before.total() - self._before["ok"]
+        self._begin(speaks)
+        contents = self._decoder.feed(rest)
+        return contents if is_whole else [hello, *contents]
 
     @property
     def bad(self) -> int:
         """The number of bad frames of all kinds."""
-        return self._before.total() - self._before["ok"] + self._decoder.bad()
+        return self._bad_before + self._decoder.bad()
 
     @property
     def stats(self) -> FrameStats:
