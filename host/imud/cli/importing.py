@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,18 +78,19 @@ def add(commands: Commands) -> None:
 def _import(args: argparse.Namespace) -> int:
     from imud.recordings import foreign_log
 
-    found = foreign_log.read(args.file, _told(args))
+    parts = foreign_log.parts(args.file, _told(args))
+    log = args.to or args.file.with_name(f"{args.file.stem}.mcap")
+    if args.dry_run:
+        (found,) = deque(parts, maxlen=1)
+    elif log.exists():
+        raise FileError(f"{log} already exists; choose another file with --to")
+    else:
+        probe, found = foreign_log.write(parts, args.file, log)
     for line in found.told.lines():
         sys.stdout.write(f"  {line}\n")
     sys.stdout.write(f"{args.file}: {found.words()}\n")
-    if args.dry_run:
-        found.check_complete(args.file)
-        return 0
-    log = args.to or args.file.with_name(f"{args.file.stem}.mcap")
-    if log.exists():
-        raise FileError(f"{log} already exists; choose another file with --to")
-    probe = foreign_log.write(found, args.file, log)
-    sys.stdout.write(f"{log}: probe {probe}; imud info {log}\n")
+    if not args.dry_run:
+        sys.stdout.write(f"{log}: probe {probe}; imud info {log}\n")
     found.check_complete(args.file)
     return 0
 

@@ -11,29 +11,34 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from imud.errors import FileError
-from imud.log.undated import write_capture
-from imud.probes.first_hello import first_hello, probe_in_file
-from imud.probes.session import Probe
+from imud.log.file import LogFile, Settings
+from imud.probes.probe import Probe
+from imud.probes.record import Stamp, record_of
 from imud.recordings import foreign_map, foreign_table
 from imud.recordings.foreign_map import SENSORS, ForeignMap
+from imud.recordings.foreign_text import ForeignTable
 from imud.rotation import FloatArray
-from imud.wire import messages, schema
-from imud.wire.frame import encode_frame
+from imud.wire import messages, raws, schema
+from imud.wire.messages import Message
+
+Times = np.ndarray[Any, np.dtype[np.int64]]
+Contents = Iterator[tuple[int, bytes]]
 
 FIRMWARE = "import"
 COUNTS_MAX = 32000.0  # of 16 bits
 # 16 g, 2,000 deg/s, and what iron about a probe adds to the Earth's field.
 RANGES = {"acc": 160.0, "gyr": 35.0, "mag": 400.0}
 LEAST_LSB = {"acc": 1e-6, "gyr": 1e-7, "mag": 1e-3}
-CLIPPED = {"acc": "acc_clipped", "gyr": "gyr_clipped"}
+CLIPPED = {"acc": "ACC_CLIPPED", "gyr": "GYR_CLIPPED"}
 HELLO_S = 1.0
 FIRST_US = 1000  # of the first row
 PAUSE_US = 1_800_000_000  # without a message
@@ -43,86 +48,150 @@ SAMPLES_MIN = 20
 LEFT_OUT_MAX = 0.05  # a share of rows
 
 
-@dataclass(frozen=True, slots=True)
-class Imported:
-    """The samples, in SI units and uT in the body frame."""
+@dataclass(slots=True)
+class Counts:
+    """Of the rows so far."""
 
-    t_us: np.ndarray[Any, np.dtype[np.int64]]
-    acc: FloatArray
-    gyr: FloatArray
-    mag: FloatArray  # NaN where there was nothing new
-    told: ForeignMap
-    left_out: int  # rows that lack a number, or go back in time
-    why: str  # about the first of them
-    texts: tuple[str, ...]  # columns without numbers
-    began_s: float | None  # UTC of the first sample, if it is known
+    samples: int = 0
+    has_mag: bool = False
+    gaps: int = 0
+    even_us: int = 0  # without gaps
+    first_s: float = -np.inf  # of the first sample, as foreign_map tells times
+    last_s: float = -np.inf
+    left_out: int = 0  # rows that lack a number, or go back in time
+    why: str = ""  # about the first of them
+    clipped: Counter[str] = field(default_factory=Counter)  # by sensor
 
-    @property
-    def has_mag(self) -> bool:
-        return bool(np.isfinite(self.mag).any())
-
-    @property
-    def rate_hz(self) -> float:
-        """Rows over time, without gaps."""
-        steps = np.diff(self.t_us)
-        return 1e6 / float(steps[steps <= 3 * np.median(steps)].mean())
-
-    def words(self) -> str:
-        """On one line."""
-        steps = np.diff(self.t_us)
-        gaps = int((steps > 3 * np.median(steps)).sum())
-        parts = [f"{len(self.t_us):,} samples at {self.rate_hz:.1f} Hz"]
-        parts += [f"{gaps} gaps"] if gaps else []
-        parts += [self.loss] if self.left_out else []
-        for name in SENSORS:
-            rows = getattr(self, name)
-            if clipped := _is_clipped(rows, _lsb(name, rows)).sum():
-                parts.append(f"{clipped} of {name} clipped")
-        if not self.has_mag:
-            parts.append("no magnetometer")
-        if self.texts:
-            parts.append(f"without columns {', '.join(self.texts)}")
-        return ", ".join(parts)
+    def add(self, t_us: Times, last_us: int | None) -> None:
+        """Takes samples behind one."""
+        steps = np.diff(t_us, prepend=t_us[:1] if last_us is None else last_us)
+        is_even = steps <= 3 * np.median(steps)
+        self.samples += len(t_us)
+        self.gaps += int((~is_even).sum())
+        self.even_us += int(steps[is_even].sum())
 
     @property
     def loss(self) -> str:
         rows = "row" if self.left_out == 1 else "rows"
         return f"{self.left_out} {rows} left out ({self.why})"
 
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """Samples, in SI units and uT in the body frame: all, or a part that follows
+    another one and has its `counts` and units of counts.
+    """
+
+    t_us: Times
+    acc: FloatArray
+    gyr: FloatArray
+    mag: FloatArray  # NaN where there was nothing new
+    told: ForeignMap
+    lsbs: dict[str, float]
+    clipped: dict[str, np.ndarray[Any, np.dtype[np.bool_]]]
+    counts: Counts
+    texts: tuple[str, ...]  # columns without numbers
+    began_s: float | None  # UTC of the first sample of all, if it is known
+    before_us: int = 0  # the last time of the part before
+
+    @property
+    def has_mag(self) -> bool:
+        return self.counts.has_mag
+
+    @property
+    def rate_hz(self) -> float:
+        """Rows over time, without gaps."""
+        steps = self.counts.samples - 1 - self.counts.gaps
+        return 1e6 * steps / self.counts.even_us
+
+    def words(self) -> str:
+        """On one line, with the parts before."""
+        counts = self.counts
+        parts = [f"{counts.samples:,} samples at {self.rate_hz:.1f} Hz"]
+        parts += [f"{counts.gaps} gaps"] if counts.gaps else []
+        parts += [counts.loss] if counts.left_out else []
+        parts += [f"{n} of {name} clipped" for name, n in counts.clipped.items() if n]
+        if not self.has_mag:
+            parts.append("no magnetometer")
+        if self.texts:
+            parts.append(f"without columns {', '.join(self.texts)}")
+        return ", ".join(parts)
+
     def check_complete(self, source: Path) -> None:
         """FileError if more was left out than a file may lack."""
-        rows = self.left_out + len(self.t_us)
-        if self.left_out > LEFT_OUT_MAX * rows:
-            raise FileError(f"{source}: {self.loss} of {rows}: correct the file")
+        rows = self.counts.left_out + self.counts.samples
+        if self.counts.left_out > LEFT_OUT_MAX * rows:
+            raise FileError(f"{source}: {self.counts.loss} of {rows}: correct the file")
 
 
 def read(path: Path, told: ForeignMap | None = None) -> Imported:
-    """A foreign recording. FileError with what is wrong, or has to be told."""
+    """The first part of a recording, which is all of one that is not long. FileError
+    with what is wrong, or has to be told.
+    """
+    return next(parts(path, told))
+
+
+def parts(path: Path, told: ForeignMap | None = None) -> Iterator[Imported]:
+    """A foreign recording, in parts that take little memory. FileError with what is
+    wrong, or has to be told.
+    """
     told = told or ForeignMap()
-    table = foreign_table.read(path, told.only, told.topics)
+    last: Imported | None = None
+    for table in foreign_table.parts(path, told.only, told.topics):
+        if len(table) or not table.has_more:
+            found = _part(path, table, told, last)
+            if len(found.t_us):
+                last = found
+                yield found
+
+
+def _part(
+    path: Path, table: ForeignTable, told: ForeignMap, last: Imported | None
+) -> Imported:
+    row = 1 + told.rows
+    counts = Counts() if last is None else last.counts
     t_s = foreign_map.completed(table, told)
     acc, gyr = (foreign_map.vector(table, told, name) for name in ("acc", "gyr"))
     mag = np.full_like(acc, np.nan)
     if "mag" in told.columns:
         mag = _fresh(foreign_map.vector(table, told, "mag"))
     is_full = np.isfinite(t_s) & np.isfinite(np.hstack([acc, gyr])).all(axis=1)
-    latest = np.maximum.accumulate(np.where(is_full, t_s, -np.inf))
-    is_whole = is_full & (np.diff(latest, prepend=-np.inf) > 0.0)
-    why = table.why
-    if not why and not is_whole.all():
+    latest = np.maximum.accumulate(np.where(is_full, t_s, counts.last_s))
+    is_whole = is_full & (np.diff(latest, prepend=counts.last_s) > 0.0)
+    counts.why = counts.why or table.why
+    if not counts.why and not is_whole.all():
         at = int(np.argmin(is_whole))
         lack = "its time is not later" if is_full[at] else "a number is missing"
-        why = f"row {1 + at}: {lack}"
-    left_out = table.unread + len(table) - int(is_whole.sum())
-    if is_whole.sum() < SAMPLES_MIN:
-        raise FileError(
-            f"{path}: {is_whole.sum()} samples are too few" + f"; {why}" * bool(why)
-        )
-    first_s = float(t_s[is_whole][0])
-    t_us = np.rint(1e6 * (t_s[is_whole] - first_s)).astype(np.int64) + FIRST_US
-    began_s = None if told.began_s is None else told.began_s + first_s
-    vectors = acc[is_whole], gyr[is_whole], mag[is_whole]
-    return Imported(t_us, *vectors, told, left_out, why, table.texts, began_s)
+        counts.why = f"row {row + at}: {lack}"
+    counts.left_out += table.unread + len(table) - int(is_whole.sum())
+    if last is None and is_whole.sum() < SAMPLES_MIN:
+        why = f"; {counts.why}" * bool(counts.why)
+        raise FileError(f"{path}: {is_whole.sum()} samples are too few{why}")
+    t_s = t_s[is_whole]
+    if last is None:
+        counts.first_s = float(t_s[0])
+    t_us = np.rint(1e6 * (t_s - counts.first_s)).astype(np.int64) + FIRST_US
+    if len(t_us):
+        counts.add(t_us, None if last is None else last.t_us[-1])
+        counts.last_s = float(t_s[-1])
+    rows = dict(zip(SENSORS, (each[is_whole] for each in (acc, gyr, mag)), strict=True))
+    counts.has_mag |= bool(np.isfinite(rows["mag"]).any())
+    lsbs = {} if last is None else last.lsbs
+    for name in () if lsbs else SENSORS:
+        lsbs[name] = _lsb(name, rows[name], is_all=not table.has_more)
+    clipped = {name: _is_clipped(rows[name], lsbs[name]) for name in SENSORS}
+    counts.clipped.update({name: int(is_it.sum()) for name, is_it in clipped.items()})
+    return Imported(
+        t_us,
+        **rows,
+        told=told,
+        lsbs=lsbs,
+        clipped=clipped,
+        counts=counts,
+        texts=table.texts,
+        began_s=None if told.began_s is None else told.began_s + counts.first_s,
+        before_us=0 if last is None else int(last.t_us[-1]),
+    )
 
 
 def _fresh(mag: FloatArray) -> FloatArray:
@@ -133,39 +202,45 @@ def _fresh(mag: FloatArray) -> FloatArray:
     return np.where(is_same[:, None], np.nan, mag)
 
 
-def frames(found: Imported, probe_id: bytes) -> Iterator[bytes]:
-    """The frames that the probe would have sent."""
-    lsbs = {
-        "acc": _lsb("acc", found.acc),
-        "gyr": _lsb("gyr", found.gyr),
-        "mag": _lsb("mag", found.mag),
-    }
-    hello = _hello(found, probe_id, lsbs)
-    counts = {name: _counts(getattr(found, name), lsb) for name, lsb in lsbs.items()}
-    is_clipped = {
-        name: _is_clipped(getattr(found, name), lsbs[name]) for name in CLIPPED
-    }
-    sequence, next_us, last_us = 0, 0, 0
-    for at, t_us in enumerate(found.t_us.tolist()):
-        while t_us - last_us > PAUSE_US:  # which the wire's 32 bits of us do not hold
-            last_us += PAUSE_US
-            yield _frame("hello", hello, sequence, last_us)
-            sequence += 1
-        last_us = t_us
-        if t_us >= next_us:
-            yield _frame("hello", hello, sequence, t_us)
-            sequence, next_us = sequence + 1, t_us + round(HELLO_S * 1e6)
-        fields = {
-            "acc": _triple(counts["acc"][at]),
-            "gyr": _triple(counts["gyr"][at]),
-            "mag": _triple(counts["mag"][at]),
-            "temperature": None,
-            "sample_flags": [
-                flag for name, flag in CLIPPED.items() if is_clipped[name][at]
-            ],
-        }
-        yield _frame("raw", fields, sequence, t_us)
-        sequence += 1
+def contents(found: Imported, hello: dict[str, Any], first: int) -> Contents:
+    """Times and contents of the messages that the probe would have sent, from that
+    sequence number on.
+    """
+    t_us, count = found.t_us, len(found.t_us)
+    rows = raws.blank(count)
+    rows["time_us"] = t_us & 0xFFFFFFFF
+    for name in SENSORS:
+        counts = _counts(getattr(found, name), found.lsbs[name])
+        is_there = np.isfinite(counts).all(axis=1)
+        rows[name][is_there] = counts[is_there]
+    for name, flag in CLIPPED.items():
+        rows["sample_flags"][found.clipped[name]] |= np.uint8(schema.SampleFlags[flag])
+    hellos = _hellos(t_us, found.before_us)
+    places = np.array([at for at, _ in hellos], np.int64)
+    sent = np.arange(count) + np.searchsorted(places, np.arange(count), "right")
+    rows["sequence"] = first + sent
+    data, times_us, size = rows.tobytes(), t_us.tolist(), raws.SIZE
+    for number, (begin, hello_us) in enumerate(hellos):
+        end = hellos[number + 1][0] if number + 1 < len(hellos) else count
+        yield (
+            hello_us,
+            messages.encode("hello", hello, first + begin + number, hello_us),
+        )
+        for at in range(begin, end):
+            yield times_us[at], data[at * size : (at + 1) * size]
+
+
+def _hellos(t_us: Times, before_us: int) -> list[tuple[int, int]]:
+    """Before which row a hello comes, and when: with the first one, after a second,
+    and in pauses that the wire's 32 bits of us do not hold.
+    """
+    found, at = [], 0
+    while at < len(t_us):
+        before, now = before_us if at == 0 else int(t_us[at - 1]), int(t_us[at])
+        found += [(at, us) for us in range(before + PAUSE_US, now, PAUSE_US)]
+        found.append((at, now))
+        at = int(np.searchsorted(t_us, now + round(HELLO_S * 1e6)))
+    return found
 
 
 def _counts(rows: FloatArray, lsb: float) -> FloatArray:
@@ -190,29 +265,21 @@ def _is_clipped(rows: FloatArray, lsb: float) -> np.ndarray[Any, np.dtype[np.boo
     return is_it
 
 
-def _triple(counts: FloatArray) -> tuple[int, int, int] | None:
-    if not np.isfinite(counts).all():
-        return None
-    x, y, z = (int(count) for count in counts)
-    return x, y, z
-
-
-def _frame(name: str, fields: dict[str, Any], sequence: int, t_us: int) -> bytes:
-    return encode_frame(messages.encode(name, fields, sequence, t_us))
-
-
-def _lsb(name: str, rows: FloatArray) -> float:
+def _lsb(name: str, rows: FloatArray, *, is_all: bool) -> float:
     """The value of a count, so that 16 bits hold the largest reading, but for a few
-    that are far above all others and above a sensor's range.
+    that are far above all others and above a sensor's range; of a part at least that
+    range.
     """
     sizes = np.abs(rows[np.isfinite(rows)])
     most = float(sizes.max(initial=0.0))
     if most > RANGES[name]:
         most = min(most, max(RANGES[name], 4.0 * float(np.percentile(sizes, 99.5))))
+    if not is_all:
+        most = max(most, RANGES[name])
     return max(LEAST_LSB[name], most / COUNTS_MAX)
 
 
-def _hello(found: Imported, probe_id: bytes, lsbs: dict[str, float]) -> dict[str, Any]:
+def hello_of(found: Imported, probe_id: bytes) -> dict[str, Any]:
     rate_hz = min(65535, max(1, round(found.rate_hz)))
     return {
         "protocol_version": schema.PROTOCOL_VERSION,
@@ -228,9 +295,7 @@ def _hello(found: Imported, probe_id: bytes, lsbs: dict[str, float]) -> dict[str
         "sample_rate": rate_hz,
         "pose_rate": 0,
         "raw_rate": rate_hz,
-        "acc_lsb": lsbs["acc"],
-        "gyr_lsb": lsbs["gyr"],
-        "mag_lsb": lsbs["mag"],
+        **{f"{name}_lsb": found.lsbs[name] for name in SENSORS},
         "boot_count": 1,
         "reset_cause": (),
         "filter": "none",
@@ -241,23 +306,46 @@ def _hello(found: Imported, probe_id: bytes, lsbs: dict[str, float]) -> dict[str
     }
 
 
-def _said(found: Imported, probe_id: bytes) -> Iterator[bytes]:
-    return (b"\0" + each for each in frames(found, probe_id))
+def write(found: Iterable[Imported], source: Path, log: Path) -> tuple[str, Imported]:
+    """Writes the log of all parts; returns the probe's id, made of the file's name and
+    the first samples, and the last part. There is no log if that fails.
+    """
+    try:
+        with log.open("wb") as file:
+            out = LogFile(file, Settings())
+            probe, last = _write(found, source, out)
+            out.finish()
+    except BaseException:
+        log.unlink(missing_ok=True)
+        raise
+    return probe.probe_id, last
 
 
-def write(found: Imported, source: Path, log: Path) -> str:
-    """Writes the log; returns the probe's id, made of the file's name and samples."""
-    digest = hashlib.sha256(source.name.encode())
-    for rows in (found.t_us, found.acc, found.gyr):
-        digest.update(rows.tobytes())
-    probe_id = digest.digest()[:8]
-    probe = probe_in_file(first_hello(_said(found, probe_id)), Probe)
-    started_ns = 0
-    if found.began_s is not None:
-        started_ns = 1000 * (round(1e6 * found.began_s) - FIRST_US)
-    if not write_capture(_said(found, probe_id), probe, log, started_ns):
+def _write(
+    found: Iterable[Imported], source: Path, out: LogFile
+) -> tuple[Probe, Imported]:
+    sent, numbers, probe, hello = 0, Counter[str](), None, dict[str, Any]()
+    for part in found:
+        if probe is None:
+            digest = hashlib.sha256(source.name.encode())
+            for rows in (part.t_us, part.acc, part.gyr):
+                digest.update(rows.tobytes())
+            probe = Probe(digest.hexdigest()[:16])
+            hello = hello_of(part, bytes.fromhex(probe.probe_id))
+        started_ns = 0
+        if part.began_s is not None:
+            started_ns = 1000 * (round(1e6 * part.began_s) - FIRST_US)
+        for t_us, content in contents(part, hello, sent):
+            message = cast(Message, messages.decode(content))
+            probe.update(message, content)
+            sent += 1
+            numbers[message.name] += 1
+            t_ns = max(0, 1000 * t_us + started_ns)
+            stamp = Stamp(numbers[message.name], 0, t_us, t_ns, None, t_ns)
+            out.add(record_of(message, content, probe.probe_id, stamp, probe.scales))
+    if probe is None:
         raise FileError(f"{source}: no rows could be written")
-    return probe_id.hex()
+    return probe, part
 
 
 @contextlib.contextmanager
@@ -267,7 +355,5 @@ def log_of_foreign(path: Path) -> Iterator[Path]:
     """
     with tempfile.TemporaryDirectory(prefix="imud-") as folder:
         log = Path(folder) / f"{path.stem}.mcap"
-        found = read(path)
-        found.check_complete(path)
-        write(found, path, log)
+        write(parts(path), path, log)[1].check_complete(path)
         yield log

@@ -5,6 +5,7 @@ as it was told, else guessed by names and by what the numbers can be.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Iterator, Mapping
@@ -65,6 +66,7 @@ SPELT = {
 
 # A step of the time between these is a rate that IMUs have.
 STEP_S = (1.0 / 5000.0, 0.2)
+TAIL = 100  # times of a table that those of the next one continue
 EARTH_UT = (18.0, 75.0)
 GRAVITY_NEAR = 0.25  # by which the median force may be off gravity, as a share
 NAMED_NEAR = 0.5  # the same where its unit is named
@@ -88,21 +90,24 @@ class ForeignMap:
     named: dict[str, str] = field(default_factory=dict)  # units, in words
     note: str = ""  # on the times
     began_s: float | None = None  # UTC of the first time, if it is one
+    rows: int = 0  # of the tables so far
+    tail: tuple[FloatArray, FloatArray] | None = None  # their last times, as read, in s
     guessed: set[str] = field(default_factory=set)
 
     def lines(self) -> Iterator[str]:
         """For people."""
+        note = f", {self.note}" if self.note else ""
         for name in ("time", *SENSORS):
             if name not in self.columns:
                 continue
             how = " (guessed)" if name in self.guessed else ""
             unit = self.named.get(name, "")
             along = f", axes {self.axes[name]}" if name in self.axes else ""
-            note = f", {self.note}" if self.note and name == "time" else ""
+            noted = note if name == "time" else ""
             columns = ", ".join(self.columns[name])
-            yield f"{name:<5}{columns}: {unit}{how}{along}{note}"
+            yield f"{name:<5}{columns}: {unit}{how}{along}{noted}"
         if "time" not in self.columns:
-            yield f"time {self.rate_hz:g} rows per second"
+            yield f"time {self.rate_hz:g} rows per second{note}"
 
 
 def unit_of(sensor: str, text: str) -> float:
@@ -146,10 +151,12 @@ def _readings(table: ForeignTable, told: ForeignMap, sensor: str) -> FloatArray:
 
 
 def completed(table: ForeignTable, told: ForeignMap) -> FloatArray:
-    """Guesses all that the map was not told, and returns when each row was, s, shape
-    (n,). FileError if that is not possible, or if gravity contradicts: it names the
-    missing option.
+    """Guesses all that the map was not told, by the first of several tables, and
+    returns when each row was, s, shape (n,). FileError if that is not possible, or if
+    gravity contradicts: it names the missing option.
     """
+    if told.rows:
+        return _times_s(table, told)
     given = set(told.units)
     for name, columns in told.columns.items():
         if missing := [each for each in columns if each not in table.columns]:
@@ -242,14 +249,20 @@ def _is_named(parts: list[str], name: str, axis: str) -> bool:
 
 
 def _find_time(table: ForeignTable, told: ForeignMap) -> None:
-    if told.rate_hz is not None:
-        told.columns.pop("time", None)
-        return
+    if told.rate_hz is None:
+        _find_clock(table, told)
+    else:  # a clock tells when it began at most
+        with contextlib.suppress(FileError):
+            _find_clock(table, told)
+
+
+def _find_clock(table: ForeignTable, told: ForeignMap) -> None:
     if "time" not in told.columns:
         found = [n for n in table.columns if set(words(n)) & set(TIMES)]
-        if not found and (rate_hz := _rate_hz(table, told)):
-            told.rate_hz = rate_hz
-            return
+        if not found and told.rate_hz is None:
+            told.rate_hz = _rate_hz(table, told)
+            if told.rate_hz is not None:
+                return
         if not found:
             raise FileError(
                 "no column of time found: --map time=COLUMN, or --rate HZ for evenly "
@@ -381,19 +394,41 @@ def _find_gyr(table: ForeignTable, told: ForeignMap, t_s: FloatArray) -> None:
 
 def _times_s(table: ForeignTable, told: ForeignMap) -> FloatArray:
     """Of rows, from the first one; notes what they are."""
-    if told.rate_hz is not None:
-        return np.arange(len(table)) / told.rate_hz
-    name, *rest = told.columns["time"]
-    values = table.columns[name]
-    if rest:
-        values = values + 1e-9 * table.columns[rest[0]]
-    t_s, told.note = straightened(name, values, told.units["time"])
-    first_s = told.units["time"] * float(values[np.isfinite(values)][0])
-    if UTC_S[0] <= first_s < UTC_S[1]:
-        told.began_s = first_s
-        began = f"from {datetime.fromtimestamp(first_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
-        told.note = ", ".join(filter(None, (told.note, began)))
+    columns, rate_hz = told.columns.get("time", ()), told.rate_hz
+    values = None
+    if "time" in told.units and columns:
+        values = table.columns[columns[0]]
+        for name in columns[1:]:
+            values = values + 1e-9 * table.columns[name]
+    if rate_hz is not None:
+        t_s = (told.rows + np.arange(len(table))) / rate_hz
+    elif values is not None:
+        t_s = _continued(columns[0], values, told)
+    if told.rows == 0 and values is not None and np.isfinite(values).any():
+        at = int(np.argmax(np.isfinite(values)))
+        first_s = told.units["time"] * float(values[at])
+        first_s -= at / rate_hz if rate_hz else 0.0
+        if UTC_S[0] <= first_s < UTC_S[1]:
+            told.began_s = first_s
+            began = f"from {datetime.fromtimestamp(first_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
+            told.note = ", ".join(filter(None, (told.note, began)))
+    if rate_hz is not None:
+        told.columns.pop("time", None)
+    told.rows += len(table)
     return t_s
+
+
+def _continued(name: str, values: FloatArray, told: ForeignMap) -> FloatArray:
+    """Times of rows behind those of the tables before, s."""
+    before, before_s = told.tail or (values[:0], values[:0])
+    joined = np.concatenate([before, values])
+    first_row = 1 + told.rows - len(before)
+    t_s, note = straightened(name, joined, told.units["time"], first_row)
+    t_s += before_s[0] if len(before) else 0.0
+    told.note = told.note or note
+    last = np.flatnonzero(np.isfinite(joined))[-TAIL:]
+    told.tail = joined[last], t_s[last]
+    return t_s[len(before) :]
 
 
 def seen_turning(acc: FloatArray, gyr: FloatArray, t_s: FloatArray) -> float | None:

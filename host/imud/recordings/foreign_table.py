@@ -8,7 +8,7 @@ import re
 import unicodedata
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,9 +54,9 @@ def is_foreign(path: Path) -> bool:
         return False
 
 
-def read(
+def parts(
     path: Path, only: Mapping[str, str] | None = None, topics: tuple[str, ...] = ()
-) -> ForeignTable:
+) -> Iterator[ForeignTable]:
     """The rows whose columns hold what `only` says; `topics`: those of a bag, or the
     structs of a .mat, that are read, empty: any. FileError with what is wrong.
     """
@@ -64,10 +64,11 @@ def read(
     suffix = path.suffix.lower()
     try:
         if suffix in (".bag", ".db3", ".mcap") or (path / "metadata.yaml").exists():
-            return _bag(path, topics)
-        if suffix in READERS:
-            return _chosen(path, READERS[suffix](path, topics), only)
-        return read_text(path, only)
+            yield _bag(path, topics)
+        elif suffix in READERS:
+            yield _chosen(path, READERS[suffix](path, topics), only)
+        else:
+            yield from read_text(path, only)
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror or error}") from error
 

@@ -19,7 +19,7 @@ import zlib
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -30,6 +30,7 @@ from imud.rotation import FloatArray
 
 LINE_MAX = 65536  # characters of a line
 BLOCK = 4096  # lines that are read at once
+PART = 400_000  # lines of a table, so that memory does not grow with the file
 HEAD = 200  # lines by which the form is found: names, and rows below
 SAMPLE = 50  # of them, the last ones, which are rows
 MISSING = frozenset({"", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"})
@@ -57,6 +58,7 @@ class ForeignTable:
     unread: int = 0  # rows that are not in the columns
     why: str = ""  # about the first of them
     texts: tuple[str, ...] = ()  # columns that hold no numbers
+    has_more: bool = False  # rows, in tables that follow
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -98,9 +100,9 @@ def is_packed(path: Path) -> bool:
     return path.suffix.lower() == ".gz"
 
 
-def read_text(path: Path, only: Mapping[str, str]) -> ForeignTable:
-    """The rows whose columns hold what `only` says. FileError with what is wrong;
-    OSError.
+def read_text(path: Path, only: Mapping[str, str]) -> Iterator[ForeignTable]:
+    """The rows whose columns hold what `only` says, in tables of the same columns that
+    take little memory. FileError with what is wrong; OSError.
     """
     try:
         with opened(path) as file:
@@ -111,8 +113,16 @@ def read_text(path: Path, only: Mapping[str, str]) -> ForeignTable:
             head = list(itertools.islice(lines, HEAD))
             form = max(FORMS, key=lambda form: _count_numbers(form, head))
             layout = _layout(path, form, head)
-            rest = itertools.chain(head[layout.first :], lines)
-            return _table(layout, rest, _Choice.of(path, layout.names, only))
+            choice = _Choice.of(path, layout.names, only)
+            ahead, has_more = head[layout.first :], True
+            while has_more:
+                rest = itertools.islice(itertools.chain(ahead, lines), PART)
+                table = _table(layout, rest, choice)
+                ahead = [*itertools.islice(lines, 1)]
+                has_more = bool(ahead)
+                if not has_more:
+                    choice.check()
+                yield replace(table, has_more=has_more)
     except (EOFError, zlib.error) as error:
         raise FileError(f"{path}: not a whole .gz: {error}") from error
 
@@ -120,8 +130,9 @@ def read_text(path: Path, only: Mapping[str, str]) -> ForeignTable:
 def _lines(path: Path, file: Iterable[str]) -> Iterator[tuple[int, str]]:
     """Numbered, without empty lines and the zeros that a power cut leaves."""
     room: float = UNPACKED_MAX + UNPACKED_TIMES * path.stat().st_size
+    has_limit = is_packed(path)
     for number, line in enumerate(file, start=1):
-        room -= len(line) if is_packed(path) else 0
+        room -= len(line) if has_limit else 0
         text = line.strip("\0\r\n")
         if len(text) > LINE_MAX:
             raise FileError(f"{path}:{number}: longer than {LINE_MAX} characters")
@@ -334,7 +345,6 @@ def _table(
             continue
         unread += 1
         why = why or f"line {number}: {len(cells)} columns, not {width}"
-    choice.check()
     rows = np.frombuffer(table).reshape(-1, len(wanted)).T
     names = [layout.names[at] for at in wanted]
     return ForeignTable(

@@ -23,10 +23,10 @@ UTC_S = (946_684_800.0, 4_102_444_800.0)  # 2000 to 2100; others count from a st
 
 
 def straightened(
-    name: str, values: FloatArray, unit_s: float
+    name: str, values: FloatArray, unit_s: float, first_row: int = 1
 ) -> tuple[FloatArray, str]:
     """Times of rows in s from the first one, NaN as before, and what was done to them.
-    `unit_s`: of the values. FileError names the row.
+    `unit_s`: of the values; `first_row`: its number. FileError names the row.
     """
     places = np.flatnonzero(np.isfinite(values))
     t = values[places]
@@ -42,13 +42,13 @@ def straightened(
             t = t + modulus * np.concatenate([[0], np.cumsum(is_back)])
             note = f"wrapped {is_back.sum()} times at {modulus:.10g}"
             break
-    _check(name, t, places, unit_s)
+    _check(name, t, places + first_row, unit_s)
     found = np.full(len(values), np.nan)
     found[places] = (t - t[0]) * unit_s
     return found, note
 
 
-def _check(name: str, t: FloatArray, places: np.ndarray, unit_s: float) -> None:
+def _check(name: str, t: FloatArray, rows: np.ndarray, unit_s: float) -> None:
     steps = np.diff(t)
     span_s = float(t.max() - t.min()) * unit_s
     # The rows of the last time are only begun.
@@ -65,13 +65,13 @@ def _check(name: str, t: FloatArray, places: np.ndarray, unit_s: float) -> None:
     if late.any():
         at = int(np.argmax(late))
         raise FileError(
-            f"row {places[at + 1] + 1}: {name} steps back by {behind[at] * unit_s:.6g} "
+            f"row {rows[at + 1]}: {name} steps back by {behind[at] * unit_s:.6g} "
             "s: pass --rate HZ if the clock was set back, or split the file there if "
             "another recording begins"
         )
     at = int(np.argmax(steps))
     if steps[at] * unit_s > PAUSE_MAX_S:
         raise FileError(
-            f"row {places[at + 1] + 1}: {name} jumps by {steps[at] * unit_s:.6g} s: "
+            f"row {rows[at + 1]}: {name} jumps by {steps[at] * unit_s:.6g} s: "
             "correct the row, or split the file there"
         )

@@ -5,10 +5,8 @@ comes of it is a log like any other.
 
 from __future__ import annotations
 
-import csv
 import gzip
 import json
-import re
 import struct
 import zipfile
 from collections.abc import Sequence
@@ -22,6 +20,7 @@ from pyarrow import parquet
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from foreign_csv import EVEN, lines, motion_with, named
 from imud import cli
 from imud.errors import FileError
 from imud.probes.first_hello import probe_of
@@ -29,9 +28,12 @@ from imud.probes.session import Received, Session
 from imud.recordings import foreign_log, foreign_text, motions
 from imud.recordings.foreign_map import ForeignMap, unit_of
 from imud.rotation import FloatArray
+from imud.wire.frame import encode_frame
 from raw_probe import calibrating, in_si, used
 
 G = 9.80665
+
+Said = pytest.CaptureFixture[str]
 
 
 @cache
@@ -46,10 +48,6 @@ def text(path: Path, names: Sequence[str], *columns: FloatArray, by: str = ",") 
     lines += [by.join(f"{value:.9g}" for value in row) for row in rows]
     path.write_text("\n".join(lines) + "\n")
     return path
-
-
-def named(*patterns: str) -> list[str]:
-    return [pattern.format(axis) for pattern in patterns for axis in "xyz"]
 
 
 T, ACC, GYR, MAG = range(4)
@@ -164,7 +162,7 @@ def test_gaps_repeats_and_holes_stay_what_they_are(tmp_path: Path) -> None:
     path = text(tmp_path / "a.csv", names, t, acc, gyr, mag)
     path.write_text(path.read_text().replace("nan", ""))
     found = foreign_log.read(path)
-    assert found.left_out == 2
+    assert found.counts.left_out == 2
     assert len(found.t_us) == 1198
     assert np.isfinite(found.mag[:, 0]).mean() == pytest.approx(0.2, abs=0.02)
     assert "1 gaps, 2 rows left out" in found.words()
@@ -223,10 +221,6 @@ def test_a_bag_of_ros_is_read(tmp_path: Path) -> None:
     assert np.abs(found.gyr - gyr).max() < 1e-9
     assert np.isfinite(found.mag[:, 0]).sum() == 250
     assert np.abs(found.mag[::2] - mag[::2]).max() < 1e-9
-
-
-def lines(*rows: str) -> str:
-    return "\n".join(rows) + "\n"
 
 
 HEAD = "t,ax,ay,az,gx,gy,gz"
@@ -431,64 +425,6 @@ def test_a_small_parquet_of_long_texts_and_lists_takes_no_memory(
         foreign_log.read(path)
 
 
-def motion_with(path: Path, t: FloatArray, *, scale: float = 1.0) -> Path:
-    """A body that turns about x; 100 rows a second."""
-    at = np.arange(len(t)) / 100.0
-    angle, none = at + np.sin(at), np.zeros_like(at)
-    acc = scale * np.stack([none, np.sin(angle), np.cos(angle)], axis=1)
-    gyr = np.stack([1.0 + np.cos(at), none, none], axis=1)
-    names = ["time", *named("acc_{}_g", "gyr_{}_rad_s")]
-    rows = [names, *np.column_stack([t, acc, gyr]).tolist()]
-    path.write_text(lines(*(",".join(map(str, row)) for row in rows)))
-    return path
-
-
-EVEN = np.arange(3000) / 100.0
-
-
-@pytest.mark.parametrize(
-    ("start", "modulus"),
-    [
-        (2**16 - 777, 2**16),  # us, so that it wraps every 6.5 rows
-        (2**24 - 5e6, 2**24),
-        (2**32 - 5e6, 2**32),
-        (86400.0 - 5.0, 86400.0),
-    ],
-)
-def test_a_counter_that_wrapped_is_continued(
-    start: float, modulus: float, tmp_path: Path
-) -> None:
-    ticks = 1.0 if modulus == 86400.0 else 1e6
-    wrapped = np.round((start + EVEN * ticks) % modulus, 3)
-    found = foreign_log.read(motion_with(tmp_path / "a.csv", wrapped))
-    assert found.left_out == 0
-    assert np.abs(found.t_us - 1000 - 1e6 * EVEN).max() <= 1
-    assert f"at {modulus:.10g}" in next(found.told.lines())
-
-
-@pytest.mark.parametrize(
-    ("t", "why"),
-    [
-        (np.where(EVEN < 9.995, EVEN, EVEN - 3600), "row 1001: time steps back by 35"),
-        (np.where(EVEN < 9.995, EVEN, EVEN - 1.0), "row 1001: time steps back by 0.99"),
-        (np.where(EVEN < 9.995, EVEN, EVEN - 10.0), "row 1001: time steps back by 9.9"),
-        (np.where(EVEN < 9.995, EVEN, EVEN + 1e9), "row 1001: time jumps by 1e+09 s"),
-        (np.floor(EVEN * 10.0) / 10.0, "share each time: pass --rate 100"),
-        (np.floor(EVEN), "share each time: pass --rate 100"),
-        (EVEN[::-1], "sort the rows"),
-        (np.arange(3000), "counts rows, or ms"),
-        (EVEN * 1e4, "gravity rotates 0.11 times as fast as the gyroscope says"),
-    ],
-)  # fmt: skip
-def test_times_that_are_none_are_refused_with_the_choice(
-    t: FloatArray, why: str, tmp_path: Path
-) -> None:
-    path = motion_with(tmp_path / "a.csv", t)
-    with pytest.raises(FileError, match=re.escape(why)):
-        foreign_log.read(path)
-    assert len(foreign_log.read(path, ForeignMap(rate_hz=100.0)).t_us) == 3000
-
-
 def test_what_gravity_contradicts_is_refused_unless_told(tmp_path: Path) -> None:
     path = motion_with(tmp_path / "a.csv", EVEN, scale=G)  # m/s2, called g
     with pytest.raises(FileError, match="where gravity is 9"):
@@ -535,7 +471,9 @@ def test_a_sensor_that_stands_at_its_limit_is_flagged(
     text(path, ["time", *named("acc_{}_g", "gyr_{}_rad_s")], rows)
     found = foreign_log.read(path, ForeignMap(units={"gyr": 1.0}))
     assert (f"{beyond.sum()} of gyr clipped" in found.words()) == bool(beyond.any())
-    frames = b"".join(foreign_log.frames(found, bytes(8)))
+    hello = foreign_log.hello_of(found, bytes(8))
+    contents = foreign_log.contents(found, hello, 0)
+    frames = b"".join(encode_frame(content) for _, content in contents)
     events = Session(partial(probe_of, {})).receive(frames + b"\0", None)
     flagged = [
         "gyr_clipped" in each.message.fields["sample_flags"]
@@ -543,39 +481,6 @@ def test_a_sensor_that_stands_at_its_limit_is_flagged(
         if isinstance(each, Received) and each.message.name == "raw"
     ]
     assert flagged == beyond.tolist()
-
-
-def clock(ms: int) -> str:
-    return f"2026-03-04 23:59:59.{ms:03d}"
-
-
-BEGAN_MS = 1_772_661_599_000  # 2026-03-04 21:59:59 UTC
-
-
-@pytest.mark.parametrize("form", ["zone", "half an hour", "none", "ms", "clock", "s"])
-def test_utc_is_kept_into_a_table_and_never_invented(form: str, tmp_path: Path) -> None:
-    """To the millisecond, 5 ms a row."""
-    at_ms = [5 * row for row in range(40)]
-    cells = {
-        "zone": [f"{clock(ms)}+02:00" for ms in at_ms],
-        "half an hour": [f"{clock(ms)} -0330" for ms in at_ms],
-        "none": [f"{clock(ms)}".replace(" ", "T") for ms in at_ms],
-        "ms": [str(BEGAN_MS + ms) for ms in at_ms],
-        "clock": [clock(ms).split()[1] for ms in at_ms],
-        "s": [f"{ms / 1000 + 1e4:.3f}" for ms in at_ms],
-    }[form]
-    names = ["time", *named("acc_{}_g", "gyr_{}_rad_s")]
-    rows = [f"{cell},0,0.0{row % 7},1,0,0,0" for row, cell in enumerate(cells)]
-    path = tmp_path / "a.csv"
-    path.write_text(lines(",".join(names), *rows))
-    assert cli.main(["import", str(path)]) == 0
-    assert cli.main(["export", str(tmp_path / "a.mcap"), "--out", str(tmp_path)]) == 0
-    (table,) = tmp_path.glob("a-*-raw.csv")
-    with table.open() as file:
-        found = [row["time_utc"] for row in csv.DictReader(file)]
-    hour = {"zone": "04T21:59:59", "half an hour": "05T03:29:59", "ms": "04T21:59:59"}
-    began = {"none": "04T23:59:59", **hour}.get(form)
-    assert found == [(began and f"2026-03-{began}.{ms:03d}000Z") or "" for ms in at_ms]
 
 
 @pytest.mark.parametrize(
