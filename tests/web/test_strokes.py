@@ -34,8 +34,8 @@ def test_a_path_is_closed_by_a_click_on_the_page_or_two_of_the_probe(
     assert shown.number("closure") == 50.0
     page.locator('[data-kind="warn"]', has_text="Closure").wait_for()
     assert page.evaluate(CLOSED)[-1] == [0, 0, 0]
-    for _ in range(2):
-        desk.hand.say("event", event="button_pressed", cause="button")
+    for event in 2 * ("button_pressed", "button_released"):
+        desk.hand.say("event", event=event, cause="button")
     shown.until("globalThis.imud.model.strokes.closing.by === 'button'")
     page.get_by_text("Closure").wait_for()
     desk.hand.say("stroke", stroke=3, end="running")

@@ -262,10 +262,15 @@ class Intake:
         if not entry.is_alive:
             self._publisher.set_alive(entry, is_alive=True)
         self.stages.on_message(entry, event)
-        if message.name == "event" or entry.gestures.clicked_us is not None:
-            action = entry.gesture(str(message.fields.get("event")), event.stamp)
-            if action is not None:
-                self.on_gesture(entry, action)
+        if message.name != "event" and entry.gestures.clicked_us is None:
+            return
+        gesture = entry.gesture(str(message.fields.get("event")), event.stamp)
+        if gesture == ("double", "path"):
+            closing = entry.closer.closing(is_double=True)
+            if closing is not None:
+                self._publisher.say_closing(entry, closing, "button", record.t_ns)
+        elif gesture is not None:
+            self.on_gesture(entry, gesture[1])
 
     def _pose(self, entry: ProbeEntry, _: Received, values: Values) -> None:
         entry.poses += 1

@@ -30,7 +30,7 @@ class RecordPublisher:
 
     def put(self, entry: ProbeEntry, record: Record) -> None:
         """Hands a record to the hub, and after it what follows from it: how far a pose
-        is from its aim, and a path that a double click closed.
+        is from its aim.
         """
         entry.put += 1
         self._hub.put(record)
@@ -38,10 +38,10 @@ class RecordPublisher:
             captured = entry.probe.references.since_capture(entry.aim.capture)
             values = entry.aim.measure(record.values, captured)
             self.say(entry, AIM, values, record.t_ns, record.sequence)
-        closing = entry.closer.on_record(record.values) if record.values else None
-        if closing is None or (entry.tells_button and entry.button[1] != "path"):
-            return
-        self.say_closing(entry, closing, "button", record.t_ns)
+        if record.values:
+            entry.closer.on_record(record.values)
+        if record.topic == "stroke":
+            entry.gestures.forget_click()
 
     def say_closing(
         self, entry: ProbeEntry, closing: Mapping[str, Any], by: str, t_ns: int

@@ -17,8 +17,7 @@ from imud.defaults import PROBES_MAX
 from imud.errors import ParamsError
 from imud.params.value import Params
 from imud.probes.aim import Aim
-from imud.probes.double_click import PathCloser
-from imud.probes.gestures import EVENTS, Gestures
+from imud.probes.gestures import EVENTS, Gestures, PathCloser
 from imud.probes.north import North
 from imud.probes.record import Stamp
 from imud.probes.sensors import SensorFinding
@@ -164,14 +163,19 @@ class ProbeEntry:
             return Params.decode(self.probe.params or b"").options.button_does == "tell"
         return False
 
-    def gesture(self, name: str, stamp: Stamp) -> str | None:
-        """What its button is asked to do with an event of that name, or by its time."""
+    def gesture(self, name: str, stamp: Stamp) -> tuple[str, str] | None:
+        """A gesture of its button, with an event of that name or by its time, and what
+        that asks for.
+        """
         found = self.gestures.look(stamp.t_device_us)
-        if name in EVENTS and self.tells_button:
+        if name in EVENTS:
             t_us, is_after_gap = stamp.t_device_us, stamp.missing > 0
             now = self.gestures.on_event(name, t_us, is_after_gap=is_after_gap)
             found = found or now
-        return found and self.button[GESTURES.index(found)]
+        if found is None:
+            return None
+        table = self.button if self.tells_button else BUTTON
+        return found, table[GESTURES.index(found)]
 
     @property
     def session(self) -> Session | None:

@@ -1,9 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Gestures of a probe's button, by the device's times of its presses and releases."""
+"""Gestures of a probe's button, by the device's times of its presses and releases, and
+the path of its strokes, which one of them closes.
+"""
 
 from __future__ import annotations
 
-from imud.probes.double_click import DOUBLE_US
+from collections.abc import Mapping
+from typing import Any
+
+from imud.probes.path import StrokePath
+
+DOUBLE_US = 500_000  # between two presses
 
 # A message from before may come this much later than one from after it.
 LATE_US = 50_000
@@ -29,6 +36,10 @@ class Gestures:
         self.clicked_us = None
         return "click"
 
+    def forget_click(self) -> None:
+        """A stroke has come: that press was no click, or jolted the probe."""
+        self.clicked_us = None
+
     def on_event(self, name: str, t_us: int, *, is_after_gap: bool) -> str | None:
         """The gesture that a press or release completes: `double`, `hold` or `long`.
         `is_after_gap`: messages before it were lost, which may have been others.
@@ -48,3 +59,31 @@ class Gestures:
             self.clicked_us = begin_us
         found = (name for name, (a, b) in HELD.items() if a <= held_us < b)
         return next(found, None)
+
+
+class PathCloser:
+    """Keeps the path of one probe. A click may start the stream, which may set another
+    origin: a double click closes the path of before its first press.
+    """
+
+    def __init__(self) -> None:
+        self._path = StrokePath()
+        self._at_presses: tuple[dict[str, Any] | None, ...] = (None, None)
+
+    def closing(self, *, is_double: bool = False) -> dict[str, Any] | None:
+        """The path now, or of before the last press but one, as StrokePath has it."""
+        return self._at_presses[0] if is_double else self._path.closing()
+
+    @property
+    def sigma_m(self) -> list[float]:
+        """One-sigma errors of the path's end; empty without strokes."""
+        return self._path.sigma_m if self._path.places else []
+
+    def on_record(self, record: Mapping[str, Any]) -> None:
+        """A pose, stroke or event as published."""
+        if record["type"] == "pose":
+            self._path.add_pose(record)
+        elif record["type"] in ("stroke", "event"):
+            self._path.add(record)
+            if record.get("event") == PRESSED:
+                self._at_presses = self._at_presses[1], self._path.closing()

@@ -22,7 +22,7 @@ from imud.cli.stroke_lines import line_of, lines_of
 from imud.client import Client, Delivery
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
-from imud.probes.double_click import PathCloser
+from imud.probes.gestures import PathCloser
 from imud.probes.path import StrokePath
 from imud.probes.record import STROKE_ADVICE
 from imud.wire.messages import Message, decode, encode
@@ -173,47 +173,18 @@ def test_how_far_it_is_off_is_told_beside_what_is_stated(off: float, word: str) 
     assert closing["off_m"] == pytest.approx([off, 0.0, 0.0])
 
 
-def press(t_us: int) -> dict[str, Any]:
-    return {"type": "event", "event": "button_pressed", "t_device_us": t_us}
-
-
 TARED = {"type": "event", "event": "tared", "t_device_us": 5_150_000}
-STARTED = {"type": "event", "event": "stream_started", "t_device_us": 5_150_000}
-AGAIN = strokes()[3] | {"end": "running", "t_device_us": 5_200_000}
+PRESS = {"type": "event", "event": "button_pressed", "t_device_us": 5_000_000}
 
 
-@pytest.mark.parametrize(
-    ("between", "apart_us", "closes"),
-    [
-        ([], 500_000, True),
-        ([], 500_001, False),
-        # The first click starts the stream, and the params ask for an origin.
-        ([STARTED, TARED], 300_000, True),
-        # A press that was no click, or jolted the probe.
-        ([AGAIN], 300_000, False),
-    ],
-)
-def test_a_double_click_closes_the_path_of_before_it(
-    between: list[dict[str, Any]], apart_us: int, closes: bool
-) -> None:
+def test_a_double_click_closes_the_path_of_before_it() -> None:
     closer = PathCloser()
-    begin_us = 5_000_000
-    records = [*strokes(), press(begin_us), *between, press(begin_us + apart_us)]
-    closings = [closer.on_record(each) for each in records]
-    assert closings[:-1] == [None] * (len(records) - 1)
-    assert closings[-1] == (path_of(*strokes()).closing() if closes else None)
-
-
-def test_three_presses_are_one_double_click() -> None:
-    closer = PathCloser()
-    records = [*strokes(), *(press(5_000_000 + 200_000 * n) for n in range(3))]
-    closes = [closer.on_record(each) is not None for each in records]
-    assert closes[-3:] == [False, True, False]
-
-
-def test_without_a_path_a_double_click_closes_nothing() -> None:
-    closer = PathCloser()
-    assert [closer.on_record(press(n)) for n in (1, 200_000)] == [None, None]
+    for each in (*strokes(), PRESS, TARED, PRESS):
+        closer.on_record(each)  # its first click has started the stream
+    assert closer.closing(is_double=True) == path_of(*strokes()).closing()
+    assert closer.closing() is None
+    closer.on_record(PRESS)
+    assert closer.closing(is_double=True) is None
 
 
 def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
@@ -228,8 +199,8 @@ def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
             value = client.command(name, "close")["value"]
             break
     records = [json.loads(heard.get())]
-    for _ in range(2):
-        chain.port.write(chain.probe.say("event", event="button_pressed"))
+    for event in 2 * ("button_pressed", "button_released"):
+        chain.port.write(chain.probe.say("event", event=event))
     records.append(json.loads(heard.get()))
     for each, by in zip(records, ("command", "button"), strict=True):
         jsonschema.validate(each, JSON_SCHEMAS["path"])

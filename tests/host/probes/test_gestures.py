@@ -41,3 +41,12 @@ def test_each_gesture_is_told_from_the_others(times_ms: list[int], words: str) -
         found.append(gestures.on_event(name, t_us, is_after_gap=t_ms < 0))
     found.append(gestures.look(1000 * times_ms[-1] + 550_001))
     assert [each for each in found if each] == words.split()
+
+
+def test_a_press_that_made_a_stroke_is_no_click() -> None:
+    gestures = Gestures()
+    for name, t_us in zip(EVENTS, (0, 100_000), strict=True):
+        gestures.on_event(name, t_us, is_after_gap=False)
+    gestures.forget_click()
+    assert gestures.on_event(EVENTS[0], 200_000, is_after_gap=False) is None
+    assert gestures.look(10**9) is None

@@ -88,8 +88,8 @@ export class ButtonLine {
 
   /** @param {Line} line */
   _hear(line) {
-    const { selected, probe } = this._model;
-    if (line.probe !== selected) {
+    const { selected, probe, page } = this._model;
+    if (line.probe !== selected || page.playing) {
       return;
     }
     if (line.type === "event" && line.event.startsWith("button_")) {
