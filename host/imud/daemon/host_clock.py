@@ -10,7 +10,7 @@ from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.machine.utc import Sync, sync_of_host
 from imud.probes.clock import Refit
-from imud.probes.timeline import Timeline, host_ns, slept_ns
+from imud.probes.timeline import READING_NS, Timeline, host_ns, slept_ns
 
 CLOCK = "clock"  # topic of the records
 
@@ -18,6 +18,10 @@ CLOCK = "clock"  # topic of the records
 # lets it wait for longer, which is a fault from this length on.
 SLEPT_NS = 100_000_000
 STOOD_NS = 2_000_000_000
+
+# So long after a check another one finds only a slew, of 10 us at most, unless two
+# clocks that are read in no time have parted: one counts sleep and steps of UTC.
+RECENT_NS = 20_000_000
 
 
 class HostClock:
@@ -33,6 +37,7 @@ class HostClock:
         self.timeline = Timeline(max(time.time_ns() - host_ns() for _ in range(5)))
         self._looked_ns: int | None = None  # host's time
         self._slept_ns = slept_ns()
+        self._ticks_ns = self._apart_ns = 0  # at the last check
         self.sync = Sync("")
         self.look()
 
@@ -52,6 +57,12 @@ class HostClock:
         """Checks whether the host's clock was set, and whether imud could run. To be
         called before messages are dated, and several times a second.
         """
+        ticks_ns = time.monotonic_ns()
+        apart_ns = time.time_ns() - ticks_ns
+        is_recent = ticks_ns - self._ticks_ns < RECENT_NS
+        if is_recent and -READING_NS < apart_ns - self._apart_ns < READING_NS:
+            return
+        self._ticks_ns, self._apart_ns = ticks_ns, apart_ns
         before_ns, utc_ns = host_ns(), time.time_ns()
         self._notice_pause(before_ns)
         before = self.timeline.number
