@@ -6,6 +6,7 @@
 struct calibrator {
     PyObject_HEAD struct calibration calibration;
     struct calibration_scale scale;
+    uint16_t gyr_delay_us;
 };
 
 static PyObject *calibrator_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
@@ -22,6 +23,7 @@ static PyObject *calibrator_new(PyTypeObject *type, PyObject *args, PyObject *kw
         struct calibrator *calibrator = (struct calibrator *)self;
         calibrator->calibration = params.calibration;
         calibration_scale_of(&identity, &calibrator->scale);
+        calibrator->gyr_delay_us = identity.gyr_delay_us;
     }
     return self;
 }
@@ -47,7 +49,14 @@ static PyObject *calibrator_apply(PyObject *self, PyObject *content) {
     return Py_BuildValue("(NNN)", acc, gyr, mag);
 }
 
+static PyObject *calibrator_gyr_delay(PyObject *self, PyObject *ignored) {
+    (void)ignored;
+    return PyLong_FromLong(((const struct calibrator *)self)->gyr_delay_us);
+}
+
 static PyMethodDef calibrator_methods[] = {
+    {"gyr_delay_us", calibrator_gyr_delay, METH_NOARGS,
+     "gyr_delay_us($self, /)\n--\n\nDelay of the gyroscope's low-pass; 0: not known."},
     {"apply", calibrator_apply, METH_O,
      "apply($self, raw, /)\n--\n\nAcceleration in m/s2, rate in rad/s and field in uT "
      "(None: none was read) of a raw message, as the filter of the probe gets them."},

@@ -31,7 +31,7 @@ static bool identity_of_hello(PyObject *content, struct sensor_identity *identit
     struct message_header header;
     bool is_hello;
     DECODE(message_hello_decode, content, &header, hello, is_hello);
-    if (!is_hello || hello->sample_rate < 100 || hello->sample_rate > 800) {
+    if (!is_hello || hello->sample_rate == 0) {
         PyErr_SetString(PyExc_ValueError, "not the hello of a probe whose sensor runs");
         return false;
     }

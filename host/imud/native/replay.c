@@ -45,6 +45,10 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     if (!probe_of_arguments(args, kwargs, "O|O:Replay", &identity, &hello, &params)) {
         return NULL;
     }
+    if (identity.rate_hz < 100 || identity.rate_hz > 800) {
+        PyErr_Format(PyExc_ValueError, "no filter runs at %d Hz", identity.rate_hz);
+        return NULL;
+    }
     const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);
     PyObject *self = allocate(type, 0);
     if (self == NULL) {

@@ -36,5 +36,10 @@ class Scales:
         calibrator = self._calibrator
         return (None, None, None) if calibrator is None else calibrator.apply(raw)
 
+    @property
+    def gyr_delay_s(self) -> float:
+        """Of the gyroscope's low-pass; 0: not known."""
+        return 1e-6 * self._calibrator.gyr_delay_us() if self._calibrator else 0.0
+
 
 UNKNOWN = Scales()
