@@ -23,6 +23,11 @@ class Affine:
     matrix: FloatArray
     bias: FloatArray
 
+    def after(self, before: Affine) -> Affine:
+        """This one of what `before` has calibrated, as one."""
+        bias = before.bias + np.linalg.solve(before.matrix, self.bias)
+        return Affine(self.matrix @ before.matrix, bias)
+
     def apply(self, readings: FloatArray) -> FloatArray:
         """Of readings, shape (..., 3)."""
         return np.asarray((readings - self.bias) @ self.matrix.T)

@@ -311,17 +311,17 @@ def _proposal(
         sigma = math.radians(found.tilt_deg) * GRAVITY_M_S2 / math.sqrt(2.0)
         stated = {"sigma_m_s2": sigma, "residual_m_s2": found.acc.residual_m_s2}
         own = Affine(found.acc.matrix, found.acc.bias)
-        whole = _after(affine_of(base.acc, scale.acc_m_s2), own)
+        whole = own.after(affine_of(base.acc, scale.acc_m_s2))
         params = with_sensor(params, "acc", whole, scale, made | stated)
     if sigma_of(before.gyr) is None:
         # The filter knows the scales better, and continues to learn them: no sigma.
         cross = found.gyr.matrix - np.diag(np.diag(found.gyr.matrix)) + np.eye(3)
         own = Affine(cross, np.zeros(3))
-        whole = _after(affine_of(base.gyr, scale.gyr_rad_s), own)
+        whole = own.after(affine_of(base.gyr, scale.gyr_rad_s))
         params = with_sensor(params, "gyr", whole, scale, made)
     if sigma_of(before.mag) is None:
         own = Affine(found.mag.matrix, found.mag.bias)
-        whole = _after(affine_of(base.mag, scale.mag_ut), own)
+        whole = own.after(affine_of(base.mag, scale.mag_ut))
         mag = replace(found.mag, matrix=whole.matrix, bias=whole.bias)
         params = with_mag(params, mag, found.field_deg, np.eye(3), scale, made)
     if params == before:
@@ -351,9 +351,3 @@ def heading_of(params: Params, level_ut: float) -> float:
         return math.inf
     own = math.degrees(params.mag.sigma / level_ut)
     return math.hypot(TILT_TO_HEADING * stated_tilt_deg(params.acc), own)
-
-
-def _after(before: Affine, found: Affine) -> Affine:
-    """Two calibrations, one after the other, as one."""
-    bias = before.bias + np.linalg.solve(before.matrix, found.bias)
-    return Affine(found.matrix @ before.matrix, bias)

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""What a covariance does not notice: signs that an estimate is wrong, each with the
+limit from which on it is withheld.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud import rotation
+from imud.refine.model import MAG, OWN, PLACE, SPEED, TURN
+from imud.refine.reach import off_by, unseen_of
+from imud.refine.window import Window
+from imud.rotation import FloatArray
+
+TILT_STEP_DEG, HEADING_STEP_DEG = 0.05, 0.2  # rms, of the last round
+UNSEEN_DEG = 0.06  # deg/sqrt(s): turning that the gyroscope did not see
+SPEED_M_S, PLACE_M = 60.0, 10_000.0  # rms
+BELIEVED = 0.5  # share of the magnetometer's readings
+FAR_SIGMAS = 3.0  # of a reading that is not believed, and of a prior
+VARIED_DEG = 60.0  # from the first attitude, where the magnetometer is not calibrated
+OWN_KNOWN_UT = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why an estimate is withheld."""
+
+    words: str
+    is_of_all: bool = False  # tilt, too, not the heading alone
+
+
+def doubts_of(window: Window) -> tuple[Doubt, ...]:
+    """All that there are; empty: the estimate can be used."""
+    return (*_of_all(window), *_of_heading(window))
+
+
+def _of_all(window: Window) -> Iterator[Doubt]:
+    step = last_step_deg(window)[:2].max()
+    if step > TILT_STEP_DEG:
+        yield Doubt(f"the search has not ended: its last step is {step:.2f} deg", True)
+    unseen = math.degrees(unseen_of(window))
+    if unseen > UNSEEN_DEG:
+        yield Doubt(
+            f"it turned by {unseen:.2f} deg/sqrt(s) that the gyroscope did not see",
+            True,
+        )
+    states = window.estimate.states
+    speed, place = (
+        math.sqrt((states[:, of] ** 2).sum(axis=1).mean()) for of in (SPEED, PLACE)
+    )
+    if speed > SPEED_M_S or place > PLACE_M:
+        yield Doubt(f"it would have moved at {speed:.0f} m/s, {place:.0f} m far", True)
+
+
+def _of_heading(window: Window) -> Iterator[Doubt]:
+    recording, priors = window.recording, window.priors
+    if not recording.has_mag.any():
+        yield Doubt("there is no magnetometer: its heading is to where it began")
+        return
+    step = last_step_deg(window)[2]
+    if step > HEADING_STEP_DEG:
+        yield Doubt(f"its heading is not told: the last step is {step:.2f} deg")
+    believed = believed_share(window)
+    if believed < BELIEVED:
+        yield Doubt(f"{believed:.0%} of the magnetometer's readings fit")
+    own = float(np.abs(window.estimate.states[0, OWN]).max())
+    if priors.own < OWN_KNOWN_UT:
+        if max(off_by(window, MAG), own / priors.own) > FAR_SIGMAS:
+            yield Doubt(
+                "the magnetometer's calibration does not fit, or the field where it "
+                "lay first is not that of the place"
+            )
+    elif (varied := varied_deg(window)) < VARIED_DEG:
+        yield Doubt(
+            f"the magnetometer is not calibrated, and turned by {varied:.0f} deg only"
+        )
+
+
+def last_step_deg(window: Window) -> FloatArray:
+    """The last round's, rms, about east, north and up."""
+    steps = window.solution.step[:, TURN]
+    return np.asarray(np.degrees(np.sqrt((steps**2).mean(axis=0))))
+
+
+def believed_share(window: Window) -> float:
+    """Of the intervals with readings of the field, those near what was expected."""
+    rows = window.intervals(slice(0, window.recording.count)).field()
+    has = rows.weight > 0.0
+    off2 = (rows.away[has] ** 2).sum(axis=1) / window.priors.mag_noise**2
+    return float((off2 < FAR_SIGMAS**2).mean()) if has.any() else 0.0
+
+
+def varied_deg(window: Window) -> float:
+    """How far it has turned from where it began, about any axis."""
+    nodes = window.course.nodes
+    turns = rotation.multiply(nodes, rotation.inverse(nodes[:1]))
+    return math.degrees(2.0 * math.acos(min(1.0, float(np.abs(turns[:, 0]).min()))))
