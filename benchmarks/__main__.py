@@ -23,6 +23,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "accuracy/groups.py",
         "accuracy/groups.py --board f405",
     ),
+    "afterwards": (
+        "errors of poses that imud refine estimates, beside VQF offline",
+        "accuracy/afterwards.py",
+    ),
     "honesty": (
         "whether stated errors of poses are true and useful",
         "honesty/desk.py",

@@ -32,6 +32,7 @@ from imud.cli import (
     ports,
     probe,
     recordings,
+    refining,
     sim,
     watch,
 )
@@ -47,7 +48,7 @@ GROUPS = {
     "watch": (watch, body),
     "command": (probe,),
     "calibrate": (calibrate, params),
-    "logs": (recordings, importing, card),
+    "logs": (recordings, refining, importing, card),
     "set up and try": (demo, ports, flash, check, sim, completion),
 }
 

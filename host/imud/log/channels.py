@@ -27,10 +27,10 @@ def topics_of(record: Record, *, has_foxglove: bool = True) -> tuple[str, ...]:
 
 def payload_on(record: Record, topic: str) -> bytes:
     """The object of a record on one of its topics, as JSON."""
-    return _pose_in_frame(record) if topic == POSE_IN_FRAME else record.payload
+    return pose_in_frame(record) if topic == POSE_IN_FRAME else record.payload
 
 
-def _pose_in_frame(record: Record) -> bytes:
+def pose_in_frame(record: Record) -> bytes:
     """A pose as foxglove.PoseInFrame, which can't leave out its position. While that is
     not known, the pose is in a frame that has the probe as its origin.
     """

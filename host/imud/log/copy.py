@@ -24,6 +24,7 @@ class Copy:
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
         self.messages = 0
+        self.latest_ns = 0  # when the last of them was received
         self.unknown = 0  # messages of a channel that is lost
         self.damages: list[Damage] = []
 
@@ -52,13 +53,21 @@ class Copy:
             self.messages += 1
             channel, number, logged_ns, measured_ns, data = record
             to = self._channels[channel]
+            self.latest_ns = max(self.latest_ns, logged_ns)
             writer.add_message(to, logged_ns, data, measured_ns, number)
         else:
             self.unknown += 1
 
 
-def copy_good(path: Path, to: Path, on_progress: Callable[[int], None]) -> Copy:
-    """Writes `to`, and says what is in it. `on_progress` gets the offset in bytes."""
+def copy_good(
+    path: Path,
+    to: Path,
+    on_progress: Callable[[int], None],
+    add: Callable[[LogWriter, int], None] | None = None,
+) -> Copy:
+    """Writes `to`, and says what is in it. `on_progress` gets the offset in bytes;
+    `add` adds what belongs beside it, up to the time (ns) at which the part ends.
+    """
     with opened(path) as file, to.open("wb") as out:
         writer = LogWriter(out, f"imud {version()}")
         copy = Copy(writer)
@@ -69,11 +78,14 @@ def copy_good(path: Path, to: Path, on_progress: Callable[[int], None]) -> Copy:
                 continue
             for record in each.records:
                 copy.add(record)
+            if add is not None:
+                add(writer, copy.latest_ns)
             writer.flush()  # damage of the copy is to cost no more
             on_progress(each.end)
-        lost = str(sum(each.size for each in copy.damages))
-        origin = {"from": path.name, "bytes_lost": lost}
-        writer.add_metadata("recovered", seal("recovered", origin))
+        if add is None:
+            lost = str(sum(each.size for each in copy.damages))
+            origin = {"from": path.name, "bytes_lost": lost}
+            writer.add_metadata("recovered", seal("recovered", origin))
         writer.finish()
         os.fsync(out.fileno())
     return copy

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: MIT
+"""`imud refine` and `imud audit`: poses afterwards, beside those on line."""
+
+from __future__ import annotations
+
+import csv
+from array import array
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from host.refine.made import RATE_HZ, made, off_deg
+from imud import cli, rotation
+from imud.errors import ConfigError
+from imud.params.file import read
+from imud.params.value import Params
+from imud.recordings import audit, refining
+from imud.recordings.raw_samples import Stretch
+from imud.recordings.refining import Refined
+from imud.refine.model import CALIBRATED, Recording
+from imud.refine.whole import parts_of
+from imud.rotation import FloatArray
+
+Said = pytest.CaptureFixture[str]
+HELLO: dict[str, Any] = {"firmware": "1", "sensor": "mpu9250", "sample_rate": RATE_HZ}
+
+
+def log_of(recording: Recording, path: Path) -> Path:
+    """The samples as a log."""
+    table = path.with_suffix(".npz")
+    times_s = np.arange(len(recording.gyr)) / RATE_HZ
+    vectors = {name: getattr(recording, name) for name in ("acc", "gyr", "mag")}
+    np.savez(table, time_s=times_s, **vectors)
+    assert cli.main(["import", str(table), "--to", str(path)]) == 0
+    return path
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_refined_poses_stand_beside_the_samples(tmp_path: Path, capsys: Said) -> None:
+    recording, truth = made(own=np.array([12.0, -7.0, 5.0]))
+    log = log_of(recording, tmp_path / "walk.mcap")
+    params = tmp_path / "found.toml"
+    assert cli.main(["refine", str(log), "--params", str(params)]) == 0
+    said = capsys.readouterr().out
+    assert "30 s; 1-sigma errors: tilt 0." in said
+    new = tmp_path / "walk-refined.mcap"
+    assert cli.main(["export", str(new), "--out", str(tmp_path / "tables")]) == 0
+    (raws,) = (tmp_path / "tables").glob("*-raw.csv")
+    (table,) = (tmp_path / "tables").glob("*-refined-pose.csv")
+    raw, poses = rows_of(raws), rows_of(table)
+    assert len(poses) == len(raw) == len(truth)
+    assert [row["t_ns"] for row in poses] == [row["t_ns"] for row in raw]
+    quats = np.array([[float(row[f"q_{axis}"]) for axis in "wxyz"] for row in poses])
+    off = off_deg(quats, truth)
+    sigmas = [float(row["heading_sigma_deg"]) for row in poses]
+    assert off.max() < 2.0
+    assert (off < 2.0 * np.hypot(0.5, sigmas)).all()
+    assert float(poses[0]["since_origin_heading_sigma_deg"]) < 0.1
+    mag = read(params).params.mag
+    assert mag is not None
+    lsb = np.array(mag.bias_counts)
+    assert lsb / np.linalg.norm(lsb) == pytest.approx(
+        np.array([12.0, -7.0, 5.0]) / 14.76, abs=0.1
+    )
+
+
+def test_a_log_is_not_written_over(tmp_path: Path, capsys: Said) -> None:
+    log = log_of(made()[0], tmp_path / "walk.mcap")
+    (tmp_path / "walk-refined.mcap").touch()
+    assert cli.main(["refine", str(log)]) != 0
+    assert "already exists" in capsys.readouterr().err
+
+
+def test_too_few_samples_are_told(tmp_path: Path, capsys: Said) -> None:
+    log = log_of(made(9.0)[0], tmp_path / "short.mcap")
+    assert cli.main(["refine", str(log)]) != 0
+    assert "has no raw samples of 10 s and more" in capsys.readouterr().err
+    assert not [*tmp_path.glob("*refined*")]
+
+
+def test_the_field_in_motion_can_be_left_out(tmp_path: Path, capsys: Said) -> None:
+    recording, truth = made()
+    bent = recording.mag.copy()
+    bent[300:1200] += 40.0  # beside iron, while it moves
+    spoilt = Recording(RATE_HZ, recording.gyr, recording.acc, bent)
+    log = log_of(spoilt, tmp_path / "iron.mcap")
+    assert cli.main(["refine", str(log), "--method", "simple"]) == 0
+    assert cli.main(["export", str(tmp_path / "iron-refined.mcap")]) == 0
+    capsys.readouterr()
+    (table,) = tmp_path.glob("*-refined-pose.csv")
+    quats = np.array(
+        [[float(row[f"q_{axis}"]) for axis in "wxyz"] for row in rows_of(table)]
+    )
+    assert off_deg(quats, truth).max() < 2.0
+
+
+def test_north_is_where_one_says() -> None:
+    pen = refined(np.zeros(3))
+    states = pen.parts[0].window.estimate.states
+    states[:, 9:12] = 0.0, 20.0, -43.0
+    states[100, 9:12] = 20.0, 20.0, -43.0  # at 10 s: 45 degrees to the east
+    before = pen.parts[0].quats
+    for north, turn in ((10.0, -45.0), ("place", 0.0), (5.0, 0.0)):
+        (part,) = refining.turned(pen.parts, north)
+        _, found = audit.differences(part.quats, before)
+        assert found == pytest.approx(turn, abs=0.3)
+    with pytest.raises(ConfigError, match="the recording is shorter"):
+        refining.turned(pen.parts, 31.0)
+
+
+def refined(turn: FloatArray) -> Refined:
+    """A stretch whose on-line poses are the true ones, turned by this in the world."""
+    recording, truth = made()
+    stretch = Stretch("pen", "imu", HELLO, Params())
+    stretch.t_us = array("d", (np.arange(len(truth)) * 1e6 / RATE_HZ).tolist())
+    online = rotation.multiply(rotation.from_rotation_vector(turn), truth)
+    for t_us, q in zip(stretch.t_us, online.tolist(), strict=True):
+        stretch.poses.extend((t_us, *q, 0.5, 1.0, 0.0, 11.0))
+    found = Refined(stretch, recording, np.arange(len(truth)))
+    found.parts = list(parts_of(recording, CALIBRATED))
+    return found
+
+
+def test_an_audit_finds_what_the_poses_were_off_by() -> None:
+    found = audit.audit_of(refined(np.radians([3.0, 0.0, -8.0])))
+    assert found is not None
+    assert found.all.tilt == pytest.approx(3.0, abs=0.3)
+    assert found.all.heading == pytest.approx(8.0, abs=0.7)
+    assert np.median(found.heading) > 0.0  # clockwise
+    assert found.all.tilt_inside == 0.0
+    assert [each.name for each in found.by_cause()] == ["in motion"]
+    assert [each.count for each in found.by_minute()] == [found.all.count]
+
+
+def test_good_poses_pass_an_audit() -> None:
+    found = audit.audit_of(refined(np.radians([0.2, 0.1, -0.5])))
+    assert found is not None
+    assert found.all.tilt_inside > 0.95
+    assert found.all.heading_inside > 0.95
+
+
+def test_a_persons_reference_is_compared() -> None:
+    pen = refined(np.radians([0.0, 0.0, -5.0]))
+    lines = list(audit.referred(pen, audit.Reference(bearing=90.0)))
+    assert len(lines) == 2
+    assert lines[1].startswith("  on line: points to 95.")
+    _, turned = audit.differences(pen.parts[0].quats[-1:], pen.parts[0].quats[:1])
+    known = audit.Reference(turn=float(turned[0]) - 2.0)
+    lines = list(audit.referred(pen, known))
+    assert len(lines) == 2
+    assert all("off by +2." in each or "off by +1." in each for each in lines), lines
+
+
+def test_an_audit_is_a_page_of_its_own(tmp_path: Path, capsys: Said) -> None:
+    log = log_of(made()[0], tmp_path / "walk.mcap")
+    assert cli.main(["audit", str(log)]) != 0  # of others' samples alone
+    assert "no poses to the world's axes" in capsys.readouterr().err
+    one = audit.audit_of(refined(np.radians([1.0, 0.0, 2.0])))
+    assert one is not None
+    page = audit.audit_page.page_of("a<b.mcap", audit.UNSEEN, [one])
+    assert "a&lt;b.mcap" in page
+    assert "//" not in page.replace("</", "")  # nothing from a network
+    assert page.count("<svg") == 2
