@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from imud.errors import FileError
+from imud.errors import FileError, ProbeUnknown
 from imud.log.parts import Damage
 from imud.log.reader import Logged, LogHead, salvage, size_of
 from imud.params.value import Params
@@ -24,6 +24,7 @@ from imud.rotation import FloatArray
 from imud.wire import messages
 from imud.wire.messages import Message
 
+SUFFIX = "-refined"  # of the names of probes with refined poses
 PAUSE_US = 5_000_000  # longer ones begin another stretch
 LEAST_S = 10.0
 FULL_SHARE = 0.9  # of a probe's samples that have to be there
@@ -149,6 +150,15 @@ def stretches_of(path: Path, damage: DamageCount, probe: str | None) -> list[Str
                 of.add(event)
     finally:
         bar.end()
+    if probe is not None and probe not in prefixes:
+        raise ProbeUnknown(
+            f"{path}: no probe {probe}; available: {', '.join(sorted(prefixes))}"
+        )
+    for name in latest:
+        if f"{name}{SUFFIX}" in prefixes:
+            raise FileError(
+                f"{path} has refined poses already; give the log it was made of"
+            )
     return [each for each in found if each.seconds >= LEAST_S]
 
 
@@ -161,7 +171,7 @@ def _events(
 
     def noted() -> Iterator[LogHead | Logged | Damage]:
         for record in salvage(path, bar.update):
-            if isinstance(record, Logged) and record.topic == "frame":
+            if isinstance(record, Logged):
                 prefixes.setdefault(record.probe, record.prefix)
             yield record
 

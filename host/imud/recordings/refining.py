@@ -32,7 +32,7 @@ from imud.probes.record import Record
 from imud.progress import Progress
 from imud.published import SinceOrigin
 from imud.recordings.damage import DamageCount
-from imud.recordings.raw_samples import LEAST_S, Stretch, stretches_of
+from imud.recordings.raw_samples import LEAST_S, SUFFIX, Stretch, stretches_of
 from imud.refine.found import proposed
 from imud.refine.known import priors_of
 from imud.refine.model import FIELD, SHOP, Priors, Recording
@@ -40,7 +40,6 @@ from imud.refine.rests import find_rests
 from imud.refine.whole import Part, parts_of
 from imud.rotation import FloatArray
 
-SUFFIX = "-refined"
 FIRST_REST = "first-rest"
 YEAR_LEAST = 2000  # a time before it is since a start
 _ENCODER = msgspec.json.Encoder()

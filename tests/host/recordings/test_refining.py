@@ -77,6 +77,15 @@ def test_a_log_is_not_written_over(tmp_path: Path, capsys: Said) -> None:
     assert "already exists" in capsys.readouterr().err
 
 
+def test_what_is_refined_is_not_refined_again(tmp_path: Path, capsys: Said) -> None:
+    log = log_of(made(12.0)[0], tmp_path / "walk.mcap")
+    assert cli.main(["refine", str(log), "--probe", "nobody"]) != 0
+    assert "no probe nobody; available: " in capsys.readouterr().err
+    assert cli.main(["refine", str(log)]) == 0
+    assert cli.main(["refine", str(tmp_path / "walk-refined.mcap")]) != 0
+    assert "has refined poses already" in capsys.readouterr().err
+
+
 def test_too_few_samples_are_told(tmp_path: Path, capsys: Said) -> None:
     log = log_of(made(9.0)[0], tmp_path / "short.mcap")
     assert cli.main(["refine", str(log)]) != 0
