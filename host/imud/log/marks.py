@@ -46,9 +46,16 @@ def marks_in(folder: Path) -> list[dict[str, Any]]:
     told and left out.
     """
     found: list[dict[str, Any]] = []
+    left_out = "log: marks of earlier logs are left out: %s"
     try:
-        for path, _ in sorted(ours_in(folder))[-LATEST:]:
+        # One that has just begun is empty.
+        paths = [path for path, size in sorted(ours_in(folder)) if size][-LATEST:]
+    except OSError as error:
+        logger.warning(left_out, error)
+        return found
+    for path in paths:
+        try:
             found += marks_of(SeekableLog(path))
-    except (OSError, FileError) as error:
-        logger.warning("log: marks of earlier logs are left out: %s", error)
+        except (OSError, FileError) as error:
+            logger.warning(left_out, error)
     return found

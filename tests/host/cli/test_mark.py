@@ -38,7 +38,10 @@ def recalled(log: str, probe_id: str) -> list[dict[str, Any]]:
 
 
 def test_a_value_is_published_logged_and_exported(
-    tmp_path: Path, chain: Chain, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    chain: Chain,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     words = ["mark", chain.probe.name]
     network = ["--connect", chain.daemon.endpoint]
@@ -91,7 +94,12 @@ def test_a_value_is_published_logged_and_exported(
     assert withdrawn["state"] == "withdrawn"
     assert (corrected["id"], withdrawn["id"]) == (again["id"], late["id"])
     assert corrected["position_x_m"] == value["position_x_m"]
+    Path(log).with_name("imud-20000101T000000Z.mcap").write_bytes(b"no log")
+    Path(log).with_name("imud-21000101T000000Z.mcap").touch()  # has just begun
     kept = recalled(log, chain.probe.name)
+    assert [each.getMessage()[:30] for each in caplog.records].count(
+        "log: marks of earlier logs are"
+    ) == 1
     assert (kept[0]["text"], kept[-1]["value"]) == ("no pose yet", 0.43)
     assert (note["value"], note["text"], note["q_w"]) == ("", "no pose yet", "")
     assert value["value"] == "-0.42"
