@@ -30,27 +30,25 @@ def record_by_device(event: Received, started_ns: int = 0) -> Record:
     )
 
 
-def write_capture(
-    chunks: Iterable[bytes], probe: Probe, path: Path, started_ns: int = 0
-) -> int:
-    """Writes what a UART said as a log; `probe` has said what comes before a hello, its
-    time began at `started_ns` UTC. How many messages that were.
+def write_capture(chunks: Iterable[bytes], probe: Probe, path: Path) -> int:
+    """Writes what a UART said as a log; `probe` has said what comes before a hello. How
+    many messages that were.
     """
     probes = {probe.probe_id: probe}
     session = Session(partial(probe_of, probes), presumed=probe)
     with path.open("wb") as file:
         log = LogFile(file, Settings())
         received = (session.receive(data, None) for data in chunks)
-        count = sum(_add(events, log, started_ns) for events in received)
-        count += _add(session.close(), log, started_ns)
+        count = sum(_add(events, log) for events in received)
+        count += _add(session.close(), log)
         log.finish()
     return count
 
 
-def _add(events: Iterable[Event], log: LogFile, started_ns: int) -> int:
+def _add(events: Iterable[Event], log: LogFile) -> int:
     count = 0
     for event in events:
         if isinstance(event, Received):
             count += 1
-            log.add(record_by_device(event, started_ns))
+            log.add(record_by_device(event))
     return count

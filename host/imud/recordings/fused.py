@@ -72,12 +72,13 @@ class FusedPoses:
                 self.faults.append(result.text)
 
     def add_run(self, run: Sequence[Logged]) -> Iterator[Logged] | None:
-        """What is computed with raw messages, if they and poses between them continue
-        the raw message that was added last; None: they have to be added one by one.
+        """What is computed with raw messages behind the first, which was added last, if
+        they and poses between them continue it; None: they have to be added one by one.
         """
-        last, contents = self._last, [each.data for each in run]
-        samples = [each for each in run if each.data[0] == raws.ID]
-        if last is None or len(samples) < RUN_MIN or not self._stage.takes_runs:
+        last, contents = self._last, [each.data for each in run[1:]]
+        samples = [each for each in run[1:] if each.data[0] == raws.ID]
+        is_long = len(samples) >= RUN_MIN and self._stage.takes_runs
+        if last is None or last.content is not run[0].data or not is_long:
             return None
         rows, heads = raws.rows_of([s.data for s in samples]), raws.heads_of(contents)
         account = last.probe.account
@@ -198,14 +199,14 @@ class FusedLog:
         if not run:
             return
         yield from self._on(self._sessions.receive(run[0]))
-        fused, rest = self.probes.get(run[0].probe), run[1:]
-        run.clear()
-        computed = fused.add_run(rest) if fused is not None else None
+        fused = self.probes.get(run[0].probe)
+        computed = fused.add_run(run) if fused is not None else None
         if computed is not None:
             yield from computed
-            return
-        for each in rest:
-            yield from self._on(self._sessions.receive(each))
+        else:
+            for each in run[1:]:
+                yield from self._on(self._sessions.receive(each))
+        run.clear()
 
     def _on(self, events: Iterable[tuple[str, Iterable[Event]]]) -> Iterator[Logged]:
         for name, each in events:
