@@ -145,6 +145,7 @@ def parts(path: Path, told: ForeignMap | None = None) -> Iterator[Imported]:
                 yield found
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of numbers that are none of a sensor
 def _part(
     path: Path, table: ForeignTable, told: ForeignMap, last: Imported | None
 ) -> Imported:

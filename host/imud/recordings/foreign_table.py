@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import itertools
 import re
+import subprocess
+import sys
 import unicodedata
+import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -115,7 +118,7 @@ def _parquet(path: Path, _: tuple[str, ...]) -> ForeignTable:
     """Of a file of texts or long lists only the columns of numbers are unpacked."""
     try:
         import pyarrow
-        from pyarrow import parquet
+        from pyarrow import parquet, types
     except ImportError as error:
         raise FileError(
             f"{path}: reading Parquet needs pyarrow: pip install 'imu-probe[parquet]'"
@@ -124,7 +127,9 @@ def _parquet(path: Path, _: tuple[str, ...]) -> ForeignTable:
         file = parquet.ParquetFile(path)
         kinds = {field.name: field.type for field in file.schema_arrow}
         wanted = [name for name in kinds if _is_numeric(kinds[name])]
-        size = 8 * _values_in(file.metadata, wanted)
+        lists = [name for name in wanted if types.is_nested(kinds[name])]
+        flat = file.metadata.num_rows * (len(wanted) - len(lists))
+        size = 8 * (flat + _values_in(path, lists))
         if size > UNPACKED_MAX + UNPACKED_TIMES * path.stat().st_size:
             raise FileError(f"{path} takes too much memory: {size / 1e6:.0f} MB")
         table = file.read(columns=wanted)
@@ -144,13 +149,28 @@ def _is_numeric(kind: Any) -> bool:
     return any(test(kind) for test in (*tests, *times))
 
 
-def _values_in(about: Any, names: list[str]) -> int:
-    """How many values the columns hold, of lists, too."""
-    groups = [about.row_group(at) for at in range(about.num_row_groups)]
-    leaves = [group.column(at) for group in groups for at in range(group.num_columns)]
-    return sum(
-        leaf.num_values for leaf in leaves if leaf.path_in_schema.split(".")[0] in names
-    )
+# pyarrow aborts at damaged statistics of a column, so a process of its own asks.
+COUNT_VALUES = """
+import sys
+from pyarrow.parquet import ParquetFile
+path, *names = sys.argv[1:]
+about = ParquetFile(path).metadata
+groups = [about.row_group(at) for at in range(about.num_row_groups)]
+leaves = [group.column(at) for group in groups for at in range(group.num_columns)]
+names = {*names}
+print(sum(x.num_values for x in leaves if x.path_in_schema.split(".")[0] in names))
+"""
+
+
+def _values_in(path: Path, names: list[str]) -> int:
+    """How many values columns of lists hold. ValueError: its head is damaged."""
+    if not names:
+        return 0
+    words = [sys.executable, "-c", COUNT_VALUES, str(path), *names]
+    done = subprocess.run(words, capture_output=True, check=False)
+    if done.returncode != 0:
+        raise ValueError("its statistics are damaged")
+    return int(done.stdout)
 
 
 def _array_of(column: Any) -> Any:
@@ -215,7 +235,8 @@ def _bag(path: Path, topics: tuple[str, ...]) -> ForeignTable:
             f"{path}: reading bags needs rosbags: pip install 'imu-probe[rosbag2]'"
         ) from error
     try:
-        with AnyReader([path]) as reader:
+        # Its YAML is warned of on lines of their own.
+        with warnings.catch_warnings(action="ignore"), AnyReader([path]) as reader:
             if strange := {*topics} - {each.topic for each in reader.connections}:
                 names = ", ".join(sorted(reader.topics))
                 raise FileError(f"{path} has no topic {min(strange)}: {names}")
