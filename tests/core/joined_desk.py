@@ -40,3 +40,17 @@ def running(**options: Any) -> Bench:
     bench = Bench(**options)
     assert bench.set_up() == lib.SENSOR_OK
     return bench
+
+
+def block(
+    temperature: int = 0,
+    gyr: tuple[int, int, int] = (1, 2, 3),
+    acc: tuple[int, int, int] = (0, 0, 2049),
+    mag: tuple[int, int, int] = (10, 20, 30),
+    status: int = 0x0F,
+) -> bytes:
+    """Return the bytes of a sample's bursts."""
+    values = (temperature, *gyr, *acc)
+    inertial = b"".join(v.to_bytes(2, "little", signed=True) for v in values)
+    field = b"".join(v.to_bytes(2, "little", signed=True) for v in mag)
+    return inertial + bytes([status]) + field

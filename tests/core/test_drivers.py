@@ -147,3 +147,32 @@ def test_a_physical_value_arrives_on_its_axis_as_counts(
         samples = [s for s in bench.samples(12) if unit != "gauss" or s.has_mag]
         found = axes(getattr(samples[-1], quantity))
         assert list(found) == [pytest.approx(v / lsb, abs=off) for v in physical]
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(
+    ("desk", "quantity", "end"),
+    [
+        (lsm9ds0_desk, "gyr", 28571),  # 2000 deg/s
+        (lsm9ds0_desk, "acc", 21857),  # 16 g
+        (lsm9ds0_desk, "mag", 25000),  # 2 gauss
+        (joined_desk, "gyr", 28571),
+        (joined_desk, "acc", 32766),  # the end of its register
+        (joined_desk, "mag", 27368),  # 4 gauss
+    ],
+)
+def test_a_reading_beyond_its_range_is_flagged(desk, quantity, end, axis):
+    bench = desk.running()
+    for counts in (end, -end, end + 1, -end - 1, -32768):
+        values = [0, 0, 0]
+        values[axis] = counts
+        sample = bench.parse(desk.block(**{quantity: tuple(values)}))
+        flagged = {"gyr": sample.gyr_clipped, "acc": sample.acc_clipped}
+        flagged["mag"] = not sample.has_mag
+        is_beyond = abs(counts) > end
+        assert flagged == {each: each == quantity and is_beyond for each in flagged}
+        assert sample.mag_overflow == flagged["mag"]
+        if quantity != "mag":
+            assert list(axes(getattr(sample, quantity))) == values
+        elif is_beyond and desk is joined_desk:
+            assert axes(sample.mag) == (0, 0, 0)

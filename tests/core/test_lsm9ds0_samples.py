@@ -40,46 +40,6 @@ def running_once() -> Bench:
     return bench
 
 
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize(
-    ("counts", "is_beyond"),
-    [(28571, False), (28572, True), (-28571, False), (-28572, True), (-32768, True)],
-)
-def test_a_rate_beyond_2000_deg_s_is_clipped(axis, counts, is_beyond):
-    gyr = [0, 0, 0]
-    gyr[axis] = counts
-    sample = running_once().parse(block(gyr=tuple(gyr)))
-    assert sample.gyr_clipped == is_beyond
-    assert not sample.acc_clipped
-    assert list(axes(sample.gyr)) == gyr
-
-
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize(
-    ("counts", "is_beyond"),
-    [(21857, False), (21858, True), (-21857, False), (-21858, True), (-32768, True)],
-)
-def test_an_acceleration_beyond_16_g_is_clipped(axis, counts, is_beyond):
-    acc = [0, 0, 0]
-    acc[axis] = counts
-    sample = running_once().parse(block(acc=tuple(acc)))
-    assert sample.acc_clipped == is_beyond
-    assert not sample.gyr_clipped
-    assert list(axes(sample.acc)) == acc
-
-
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize(
-    ("counts", "is_beyond"),
-    [(25000, False), (25001, True), (-25000, False), (-25001, True), (-32768, True)],
-)
-def test_a_field_beyond_2_gauss_has_overflowed(axis, counts, is_beyond):
-    mag = [0, 0, 0]
-    mag[axis] = counts
-    sample = running_once().parse(block(mag=tuple(mag)))
-    assert (sample.has_mag, sample.mag_overflow) == (not is_beyond, is_beyond)
-
-
 def test_an_old_field_has_not_overflowed():
     sample = running_once().parse(block(mag=(32767, 0, 0), mag_status=0))
     assert not sample.has_mag
