@@ -324,11 +324,5 @@ struct lis3mdl_chip_config lis3mdl_chip_defaults(void) {
 }
 
 struct sensor_chip *lis3mdl_chip_new(const struct lis3mdl_chip_config *config) {
-    struct lis3mdl_chip *chip = sensor_chip_new(&model, sizeof *chip, &config->sensor);
-    if (chip == NULL) {
-        return NULL;
-    }
-    chip->config = *config;
-    sensor_chip_power_cycle(&chip->base, 0);
-    return &chip->base;
+    return sensor_chip_new(&model, sizeof(struct lis3mdl_chip), config, sizeof *config);
 }

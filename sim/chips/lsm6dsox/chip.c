@@ -565,11 +565,6 @@ struct lsm6dsox_chip_config lsm6dsox_chip_defaults(void) {
 }
 
 struct sensor_chip *lsm6dsox_chip_new(const struct lsm6dsox_chip_config *config) {
-    struct lsm6dsox_chip *chip = sensor_chip_new(&model, sizeof *chip, &config->sensor);
-    if (chip == NULL) {
-        return NULL;
-    }
-    chip->config = *config;
-    sensor_chip_power_cycle(&chip->base, 0);
-    return &chip->base;
+    return sensor_chip_new(&model, sizeof(struct lsm6dsox_chip), config,
+                           sizeof *config);
 }

@@ -157,11 +157,5 @@ struct lsm9ds0_chip_config lsm9ds0_chip_defaults(void) {
 }
 
 struct sensor_chip *lsm9ds0_chip_new(const struct lsm9ds0_chip_config *config) {
-    struct lsm9ds0_chip *chip = sensor_chip_new(&model, sizeof *chip, &config->sensor);
-    if (chip == NULL) {
-        return NULL;
-    }
-    chip->config = *config;
-    sensor_chip_power_cycle(&chip->base, 0);
-    return &chip->base;
+    return sensor_chip_new(&model, sizeof(struct lsm9ds0_chip), config, sizeof *config);
 }

@@ -195,11 +195,5 @@ struct mpu9250_chip_config mpu9250_chip_defaults(void) {
 }
 
 struct sensor_chip *mpu9250_chip_new(const struct mpu9250_chip_config *config) {
-    struct mpu9250_chip *chip = sensor_chip_new(&model, sizeof *chip, &config->sensor);
-    if (chip == NULL) {
-        return NULL;
-    }
-    chip->config = *config;
-    sensor_chip_power_cycle(&chip->base, 0);
-    return &chip->base;
+    return sensor_chip_new(&model, sizeof(struct mpu9250_chip), config, sizeof *config);
 }

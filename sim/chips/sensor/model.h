@@ -36,10 +36,11 @@ struct sensor_chip {
     char complaint[96];  // empty: none
 };
 
-// A model of `size` bytes, to be configured further and given power by
-// sensor_chip_power_cycle(). Null where memory is out.
-void *sensor_chip_new(const struct sensor_model *model, size_t size,
-                      const struct sensor_chip_config *config);
+// A model of `size` bytes whose power comes at time 0. Its own configuration, which
+// begins with struct sensor_chip_config, is the member behind struct sensor_chip. Null
+// where memory is out.
+struct sensor_chip *sensor_chip_new(const struct sensor_model *model, size_t size,
+                                    const void *config, size_t config_size);
 // Keeps the first thing that the host did against the documents; of the chip, or of a
 // die that has another name.
 void sensor_chip_complain(struct sensor_chip *chip, const char *what);

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "model.h"
 
@@ -12,17 +13,19 @@ static void advance(void *self, uint64_t now_ns) {
     sensor_chip_advance(self, now_ns);
 }
 
-void *sensor_chip_new(const struct sensor_model *model, size_t size,
-                      const struct sensor_chip_config *config) {
+struct sensor_chip *sensor_chip_new(const struct sensor_model *model, size_t size,
+                                    const void *config, size_t config_size) {
     struct sensor_chip *chip = calloc(1, size);
     if (chip == NULL) {
         return NULL;
     }
     chip->model = model;
-    chip->config = *config;
+    memcpy(&chip->config, config, sizeof chip->config);
+    memcpy(chip + 1, config, config_size);
     chip->wire =
         (struct i2c_slave){.ops = &model->wire, .advance = advance, .chip = chip};
-    chip->motion = chip_motion_from(config->motion);
+    chip->motion = chip_motion_from(chip->config.motion);
+    sensor_chip_power_cycle(chip, 0);
     return chip;
 }
 
