@@ -283,31 +283,21 @@ def means(
 def hello(chip: Chip = MPU9250) -> bytes:
     """The hello of a board with this sensor, once the sensor runs."""
     x, y, z = chip.mag_asa or (0, 0, 0)
-    fields = {
-        "protocol_version": schema.PROTOCOL_VERSION,
-        "schema_fingerprint": schema.FINGERPRINT,
-        "firmware": "host",
-        "board": chip.board,
-        "probe_id": bytes(8),
-        "sensor": chip.sensor,
-        "who_am_i": chip.who_am_i,
-        "mag_adjust": (y, x, z),  # in the chip's axes
-        "self_test": (),
-        "sample_rate": int(chip.rate_hz),
-        "pose_rate": POSE_RATE_HZ,
-        "raw_rate": int(chip.rate_hz),
-        "acc_lsb": chip.acc_lsb,
-        "gyr_lsb": chip.gyr_lsb,
-        "mag_lsb": chip.mag_lsb,
-        "boot_count": 1,
-        "reset_cause": (),
-        "filter": "fuse",
-        "reset_address": 0,
-        "params_digest": 0,
-        "own_field": (0, 0, 0),
-        "own_sigma": 0,
-    }
-    return messages.encode("hello", fields, sequence=0, time_us=0)
+    return messages.hello_of(
+        firmware="host",
+        board=chip.board,
+        sensor=chip.sensor,
+        who_am_i=chip.who_am_i,
+        mag_adjust=(y, x, z),  # in the chip's axes
+        sample_rate=int(chip.rate_hz),
+        pose_rate=POSE_RATE_HZ,
+        raw_rate=int(chip.rate_hz),
+        acc_lsb=chip.acc_lsb,
+        gyr_lsb=chip.gyr_lsb,
+        mag_lsb=chip.mag_lsb,
+        boot_count=1,
+        filter="fuse",
+    )
 
 
 def with_filter(content: bytes, name: str) -> bytes:

@@ -22,27 +22,19 @@ _POSE: dict[str, Any] = dict.fromkeys(published.WIRE["pose"].values()) | {
     "pose_flags": (),
 }
 _HELLO: dict[str, Any] = {
-    "protocol_version": schema.PROTOCOL_VERSION,
-    "schema_fingerprint": schema.FINGERPRINT,
     "firmware": "made",
     "board": "nano",
     "sensor": "mpu9250",
     "who_am_i": (0x71, 0x48),
     "mag_adjust": (176, 178, 166),
-    "self_test": (),
     "sample_rate": RATE_HZ,
     "pose_rate": RATE_HZ,
-    "raw_rate": 0,
     "boot_count": 1,
     "acc_lsb": 0.004788403,
     "gyr_lsb": 0.001065264,
     "mag_lsb": 0.15,
     "reset_cause": ("power_on",),
     "filter": "fuse",
-    "reset_address": 0,
-    "params_digest": 0,
-    "own_field": (0, 0, 0),
-    "own_sigma": 0,
 }
 
 
@@ -55,7 +47,7 @@ class Source:
         self.sequence = 0
         self.sent = 0
         self._pose = messages.encode("pose", _POSE, 0, 0)[_HEAD.size :]
-        self._hello = messages.encode("hello", hello, 0, 0)[_HEAD.size :]
+        self._hello = messages.hello_of(**hello)[_HEAD.size :]
 
     def say(self, now_us: int) -> bytes:
         name = "pose" if self.sequence % self.hello_every else "hello"

@@ -18,7 +18,7 @@ from imud.body import level, tracks
 from imud.body.tracks import Track
 from imud.params.trusted import known_to
 from imud.rotation import FloatArray
-from imud.wire import messages, raws, schema
+from imud.wire import messages, raws
 from imud.wire.messages import Message
 
 FUSED_HZ = 200  # as the Nano
@@ -102,28 +102,18 @@ def _pose(content: bytes) -> tuple[float, ...]:
 def hello(lsbs: tuple[float, ...]) -> bytes:
     """The hello of a probe with such counts."""
     gyr, acc, mag = lsbs
-    fields = {
-        "protocol_version": schema.PROTOCOL_VERSION,
-        "schema_fingerprint": schema.FINGERPRINT,
-        "firmware": "host",
-        "board": "nano",
-        "probe_id": bytes(8),
-        "sensor": "mpu9250",
-        "who_am_i": (0x71, 0x48),
-        "mag_adjust": (128, 128, 128),
-        "self_test": (),
-        "sample_rate": FUSED_HZ,
-        "pose_rate": FUSED_HZ,
-        "raw_rate": FUSED_HZ,
-        "acc_lsb": acc,
-        "gyr_lsb": gyr,
-        "mag_lsb": mag,
-        "boot_count": 1,
-        "reset_cause": (),
-        "filter": "fuse",
-        "reset_address": 0,
-        "params_digest": 0,
-        "own_field": (0, 0, 0),
-        "own_sigma": 0,
-    }
-    return messages.encode("hello", fields, 0, 0)
+    return messages.hello_of(
+        firmware="host",
+        board="nano",
+        sensor="mpu9250",
+        who_am_i=(0x71, 0x48),
+        mag_adjust=(128, 128, 128),
+        sample_rate=FUSED_HZ,
+        pose_rate=FUSED_HZ,
+        raw_rate=FUSED_HZ,
+        acc_lsb=acc,
+        gyr_lsb=gyr,
+        mag_lsb=mag,
+        boot_count=1,
+        filter="fuse",
+    )

@@ -216,17 +216,37 @@ def place_of(name: str, field: str) -> slice:
     raise ValueError(f"{name} has no field {field}")
 
 
+def hello_of(**fields: object) -> bytes:
+    """The content of a hello of our schema: encode() without the fields that are not
+    known, or zeros.
+    """
+    ours = {
+        "protocol_version": schema.PROTOCOL_VERSION,
+        "schema_fingerprint": schema.FINGERPRINT,
+    }
+    return encode("hello", ours | fields, 0, 0, is_whole=False)
+
+
 def encode(
-    name: str, fields: Mapping[str, object], sequence: int, time_us: int
+    name: str,
+    fields: Mapping[str, object],
+    sequence: int,
+    time_us: int,
+    *,
+    is_whole: bool = True,
 ) -> bytes:
-    """The content of a message, of values as Message has them.
+    """The content of a message, of values as Message has them; one that is not whole
+    has blanks for the other fields.
 
     Raises ValueError if a field is missing, unknown, or does not fit.
     """
     codec = _BY_NAME[name]
-    if odd := fields.keys() ^ {field.name for field in codec.fields}:
+    names = {field.name for field in codec.fields}
+    if odd := fields.keys() ^ names if is_whole else fields.keys() - names:
         raise ValueError(f"{name}: unknown or missing fields {sorted(odd)}")
     parts = [_HEADER.pack(codec.id, sequence & 0xFFFFFFFF, time_us & 0xFFFFFFFF)]
     for field in codec.fields:
-        parts += (bytes([field.tag]), field.pack(fields[field.name]))
+        is_known = field.name in fields
+        value = field.pack(fields[field.name]) if is_known else field.blank()
+        parts += (bytes([field.tag]), value)
     return b"".join(parts)
