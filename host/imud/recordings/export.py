@@ -232,8 +232,9 @@ def columns_of(topic: str, objects: Sequence[Mapping[str, Any]]) -> Columns:
     """The columns of a table. A value of an unexpected type counts as not available."""
     columns: Columns = []
     for key, column in COLUMNS[topic].items():
-        values: list[Any] = [*objects]
-        for part in key.split("."):
+        first, *rest = key.split(".")
+        values: list[Any] = [each.get(first) for each in objects]
+        for part in rest:
             values = [v.get(part) if isinstance(v, dict) else None for v in values]
         count = len(column.names)
         if count == 1:

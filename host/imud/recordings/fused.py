@@ -32,7 +32,8 @@ UNKNOWN_DEG_S = 0.2
 REST_S = 1.0
 
 RUN, RUN_MIN = 256, 8  # messages that are taken at once
-POSE_ID = next(codec.id for codec in messages.CODECS.values() if codec.name == "pose")
+RAW = bytes([raws.ID])
+POSE = bytes(c.id for c in messages.CODECS.values() if c.name == "pose")
 
 
 class FusedPoses:
@@ -176,9 +177,8 @@ class FusedLog:
                 yield record
                 continue
             run, data = runs[record.probe], record.data
-            is_frame = record.topic == "frame"
-            is_raw = data[:1] == bytes([raws.ID])
-            is_running = is_raw or (run and data[:1] == bytes([POSE_ID]))
+            is_frame, kind = record.topic == "frame", data[:1]
+            is_running = kind == RAW or (kind == POSE and run)
             if is_frame and is_running and len(data) >= raws.SIZE:
                 run.append(record)
                 if len(run) == RUN:
