@@ -37,6 +37,19 @@ def recalled(log: str, probe_id: str) -> list[dict[str, Any]]:
     return intake.marks.of(probe_id)
 
 
+def check_rows(rows: list[dict[str, str]], corrected_id: str, late_id: str) -> None:
+    """What was exported."""
+    note, *_, value, corrected, _, withdrawn = rows
+    assert corrected["value"] + corrected["unit"] == "0.43N"
+    assert withdrawn["state"] == "withdrawn"
+    assert (corrected["id"], withdrawn["id"]) == (corrected_id, late_id)
+    assert corrected["position_x_m"] == value["position_x_m"]
+    assert (note["value"], note["text"], note["q_w"]) == ("", "no pose yet", "")
+    assert value["value"] == "-0.42"
+    assert value["text"] == "'=1+1"  # no formula for a spreadsheet
+    assert float(value["position_x_m"]) == pytest.approx(0.1)
+
+
 def test_a_value_is_published_logged_and_exported(
     tmp_path: Path,
     chain: Chain,
@@ -89,11 +102,7 @@ def test_a_value_is_published_logged_and_exported(
         assert "mark needs value=NUMBER or text=TEXT" in capsys.readouterr().err
     chain.daemon.stop()
     log = str(chain.daemon.log)
-    note, *_, value, corrected, _, withdrawn = exported(log, tmp_path / "tables")
-    assert corrected["value"] + corrected["unit"] == "0.43N"
-    assert withdrawn["state"] == "withdrawn"
-    assert (corrected["id"], withdrawn["id"]) == (again["id"], late["id"])
-    assert corrected["position_x_m"] == value["position_x_m"]
+    check_rows(exported(log, tmp_path / "tables"), again["id"], late["id"])
     Path(log).with_name("imud-20000101T000000Z.mcap").write_bytes(b"no log")
     Path(log).with_name("imud-21000101T000000Z.mcap").touch()  # has just begun
     kept = recalled(log, chain.probe.name)
@@ -101,7 +110,3 @@ def test_a_value_is_published_logged_and_exported(
         "log: marks of earlier logs are"
     ) == 1
     assert (kept[0]["text"], kept[-1]["value"]) == ("no pose yet", 0.43)
-    assert (note["value"], note["text"], note["q_w"]) == ("", "no pose yet", "")
-    assert value["value"] == "-0.42"
-    assert value["text"] == "'=1+1"  # no formula for a spreadsheet
-    assert float(value["position_x_m"]) == pytest.approx(0.1)
