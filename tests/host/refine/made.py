@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from imud import rotation
 from imud.gravity import GRAVITY_M_S2
-from imud.refine.model import Recording
+from imud.refine.model import BoolArray, Recording
 from imud.rotation import FloatArray
 
 RATE_HZ = 50.0
@@ -20,10 +22,12 @@ def made(
     *,
     bias: FloatArray | None = None,
     own: FloatArray | None = None,
+    walk_m: float = 0.0,
     seed: int = 1,
 ) -> tuple[Recording, FloatArray]:
     """It turns about all axes between two rests, and the attitudes at the ends of its
-    samples. `bias`: of the gyroscope, rad/s; `own`: a magnet on the sensor, uT.
+    samples. `bias`: of the gyroscope, rad/s; `own`: a magnet on the sensor, uT;
+    `walk_m`: to the north, by who carries it.
     """
     random = np.random.default_rng(seed)
     count = round(seconds * RATE_HZ)
@@ -39,8 +43,9 @@ def made(
         middles[index] = rotation.multiply(attitude, halves[index])
         ends[index] = attitude = rotation.multiply(attitude, steps[index])
 
-    def seen(vector: FloatArray, quats: FloatArray, noise: float) -> FloatArray:
-        body = rotation.rotate(rotation.inverse(quats), np.tile(vector, (count, 1)))
+    def seen(vectors: FloatArray, quats: FloatArray, noise: float) -> FloatArray:
+        vectors = np.broadcast_to(vectors, (count, 3))
+        body = rotation.rotate(rotation.inverse(quats), vectors)
         return np.asarray(body + noise * random.standard_normal((count, 3)))
 
     gyr = rates + 0.001 * random.standard_normal((count, 3))
@@ -50,11 +55,25 @@ def made(
         Recording(
             RATE_HZ,
             gyr if bias is None else gyr + bias,
-            seen(GRAVITY, middles, 0.02),
+            seen(GRAVITY + _walk(at_s, is_moving, walk_m), middles, 0.02),
             mag,
         ),
         ends,
     )
+
+
+def _walk(at_s: FloatArray, is_moving: BoolArray, walk_m: float) -> FloatArray:
+    """Accelerations: off within 2 s, steps up and down, and a stop within 2 s."""
+    found = np.zeros((len(at_s), 3))
+    if walk_m:
+        begin, end = at_s[is_moving][[0, -1]]
+        speed = walk_m / (end - begin - 2.0)
+        found[:, 1] += np.where(
+            (at_s >= begin) & (at_s < begin + 2.0), speed / 2.0, 0.0
+        )
+        found[:, 1] -= np.where((at_s > end - 2.0) & (at_s <= end), speed / 2.0, 0.0)
+        found[:, 2] = np.where(is_moving, 3.0 * np.sin(4.0 * math.pi * at_s), 0.0)
+    return found
 
 
 def off_deg(quats: FloatArray, truth: FloatArray) -> FloatArray:

@@ -46,6 +46,15 @@ def test_a_magnet_on_a_module_is_found() -> None:
     assert found == pytest.approx(MAGNET, abs=1.0)
 
 
+def test_who_walks_100_m_is_not_turned_by_it() -> None:
+    recording, truth = made(80.0, walk_m=100.0)
+    parts = list(parts_of(recording, CALIBRATED))
+    off = off_deg(joined(parts, "quats"), truth)
+    stated = np.hypot(joined(parts, "tilt_deg"), joined(parts, "heading_deg"))
+    assert (off < 2.0 * stated).mean() > 0.95
+    assert off.max() < 1.5
+
+
 def test_windows_follow_each_other_without_a_step(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
