@@ -81,7 +81,7 @@ export class ButtonLine {
       run(model, "Undo origin", [["tare", { what: "undo" }]]);
     };
     this._undo = make("button", { class: "small", onclick: undo }, "Undo");
-    this.element = make("div", { class: "lead held", hidden: true }, this._text, this._bar, this._undo);
+    this.element = make("div", { class: "held", hidden: true }, this._text, this._bar, this._undo);
     model.addEventListener("probe", (event) => this._hear(/** @type {CustomEvent<Line>} */ (event).detail));
     addEventListener("pointerdown", allowSound, { once: true });
   }
