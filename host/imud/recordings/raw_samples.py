@@ -106,7 +106,7 @@ class Stretch:
         if share < FULL_SHARE:
             raise FileError(
                 f"{self.probe}: {share:.0%} of its samples are in the log; it takes "
-                f"all {whole_hz:.0f} a second: imud rate raw {whole_hz:.0f}"
+                f"all {whole_hz:.0f} a second: set raw_rate of the probe to that"
             )
         rows = np.full((index[-1] + 1, 9), np.nan)
         rows[index] = np.asarray(self.values).reshape(-1, 9)

@@ -164,7 +164,7 @@ def all_refined(path: Path, how: How) -> tuple[list[Refined], DamageCount]:
     if not stretches:
         raise FileError(
             f"{path} has no raw samples of {LEAST_S:.0f} s and more: let the probe "
-            "send them (imud rate raw 200) while it is logged"
+            "send all of them (raw_rate in its configuration) while it is logged"
         )
     bar = Progress("refining", sum(each.seconds for each in stretches))
     found, done_s = [], 0.0

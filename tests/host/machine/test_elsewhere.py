@@ -55,6 +55,8 @@ ALONE = {
     "decode": (["{}/log.mcap"], "pose"),
     "export": (["{}/log.mcap", "--out", "{}/tables"], "rows"),
     "recover": (["{}/log.mcap"], ""),
+    "refine": (["{}/log.mcap"], "has no raw samples"),
+    "audit": (["{}/log.mcap"], "has no raw samples"),
     "import": (["{}/none.csv"], "can't read"),
     "replay": (["{}/log.mcap", "--link", "{}/port"], "no pseudo terminals"),
     "card": (["prepare", "{}/card.img", "--size", "64M"], ""),
