@@ -284,11 +284,14 @@ class Session:
                 events.append(OtherSchema(probe_id.hex(), fingerprint, firmware, hello))
             return
         self._speaking = Speaking.OURS
-        is_first = self.probe is None or self.probe.probe_id != probe_id.hex()
+        found = self.probe
+        if found is None or found.probe_id != probe_id.hex():
+            found = self._find(probe_id.hex())  # in a log it has a name as its id
+        is_first = self.probe is None or self.probe is not found
         if is_first:
             if self.probe is not None:
                 events.extend(self.close())
-            self.probe = self._find(probe_id.hex())
+            self.probe = found
         probe = self.probe
         if probe is None:
             return

@@ -145,6 +145,16 @@ def test_a_port_that_is_opened_again_goes_on_with_the_same_account() -> None:
     assert (counts["sent"], counts["received"], counts["lost"]) == (14, 7, 7)
 
 
+def test_a_probe_that_a_log_names_is_found_once() -> None:
+    fake, pen = FakeProbe(), Probe("pen")
+    session = Session(lambda _: pen)
+    events: list[Event] = []
+    for _ in range(3):
+        events += session.receive(b"\0" + fake.say("hello") + fake.say("raw"), 0)
+    assert len(of(ProbeFound, events)) == 1
+    assert len(of(Received, events)) == 6
+
+
 def test_another_probe_on_the_same_port_has_its_own_account() -> None:
     find, one = registry(), FakeProbe()
     two = FakeProbe(probe_id=bytes(range(8)))
