@@ -20,7 +20,7 @@ from fakes import DaemonProcess, free_address
 from imud.client import Client
 from imud.log.reader import Logged
 from log_files import read_log
-from streaming import Streaming
+from streaming import Streaming, until
 
 
 def reload(daemon: DaemonProcess, folder: Path, old: str, new: str) -> None:
@@ -37,7 +37,7 @@ def test_a_reload_gives_a_probe_its_name_and_loses_no_count(tmp_path: Path) -> N
         daemon.expect("reloaded: probes")
         with Client(daemon.endpoint) as client:
             assert client.wait_for("stylus") == "stylus"
-            assert client.alive() == ["stylus"]
+            until(lambda: client.alive() == ["stylus"])
             # Once a second there is another status.
             ledger: dict[str, Any] = {}
             while any(
@@ -76,7 +76,7 @@ def test_a_renamed_probe_costs_no_subscriber_its_connection(tmp_path: Path) -> N
             reload(daemon, tmp_path, f"'{old}'", f"'{new}'")
             daemon.expect("reloaded: probes")
             assert client.wait_for(new) == new
-            assert client.alive() == [new]
+            until(lambda new=new: client.alive() == [new])
             port.write(probe.poses(1))
             assert (heard.get(), by_id.get()) == (new, new)
             assert client.only_probe(probe.name) == client.wait_for(probe.name)
