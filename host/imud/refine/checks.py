@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
-from imud.refine.model import MAG, OWN, PLACE, SPEED, TURN
+from imud.refine.model import FIELD, MAG, OWN, PLACE, SPEED, TURN
 from imud.refine.reach import off_by, unseen_of
 from imud.refine.window import Window
 from imud.rotation import FloatArray
@@ -24,6 +24,7 @@ BELIEVED = 0.5  # share of the magnetometer's readings
 FAR_SIGMAS = 3.0  # of a reading that is not believed, and of a prior
 VARIED_DEG = 60.0  # from the first attitude, where the magnetometer is not calibrated
 OWN_KNOWN_UT = 1.0
+ELSEWHERE_DEG = 5.0  # between the fields at the first rest and on the way
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +69,14 @@ def _of_heading(window: Window) -> Iterator[Doubt]:
     believed = believed_share(window)
     if believed < BELIEVED:
         yield Doubt(f"{believed:.0%} of the magnetometer's readings fit")
+    if (away := elsewhere_deg(window)) > ELSEWHERE_DEG:
+        yield Doubt(
+            f"the field where it lay first points {away:.0f} deg away from that of "
+            "its way"
+        )
     own = float(np.abs(window.estimate.states[0, OWN]).max())
     if priors.own < OWN_KNOWN_UT:
-        if max(off_by(window, MAG), own / priors.own) > FAR_SIGMAS:
+        if math.hypot(off_by(window, MAG), own / priors.own) > FAR_SIGMAS:
             yield Doubt(
                 "the magnetometer's calibration does not fit, or the field where it "
                 "lay first is not that of the place"
@@ -93,6 +99,14 @@ def believed_share(window: Window) -> float:
     has = rows.weight > 0.0
     off2 = (rows.away[has] ** 2).sum(axis=1) / window.priors.mag_noise**2
     return float((off2 < FAR_SIGMAS**2).mean()) if has.any() else 0.0
+
+
+def elsewhere_deg(window: Window) -> float:
+    """Between north, where the field points at the first rest, and where it points on
+    the average.
+    """
+    east, north, _ = window.estimate.states[:, FIELD].mean(axis=0).tolist()
+    return abs(math.degrees(math.atan2(east, north)))
 
 
 def varied_deg(window: Window) -> float:

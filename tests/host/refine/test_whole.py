@@ -11,6 +11,7 @@ import pytest
 from host.refine.made import RATE_HZ, made, off_deg
 from imud import rotation
 from imud.refine import whole
+from imud.refine.checks import doubts_of
 from imud.refine.model import CALIBRATED, SHOP, Priors, Recording
 from imud.refine.whole import Part, parts_of
 from imud.rotation import FloatArray
@@ -91,6 +92,14 @@ def test_a_bent_field_at_first_is_not_taken_for_north() -> None:
     mag[:200] = rotation.rotate(bent, mag[:200])  # where it lies first
     parts = list(parts_of(replace(recording, mag=mag), CALIBRATED))
     assert off_deg(joined(parts, "quats"), truth).max() < 8.0
+
+
+def test_a_field_that_points_elsewhere_on_the_way_is_told() -> None:
+    (part,) = parts_of(made()[0], CALIBRATED)
+    assert not part.doubts
+    part.window.estimate.states[:, 9:12] = -5.0, 19.0, -43.0
+    (doubt,) = doubts_of(part.window)
+    assert "points 15 deg away from" in doubt.words
 
 
 def spoilt(name: str) -> tuple[Recording, Priors]:
