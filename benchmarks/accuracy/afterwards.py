@@ -7,6 +7,7 @@ made recordings.
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,13 +22,14 @@ from benchmarks.accuracy.compared import grouped
 from benchmarks.accuracy.groups import EAST, KNOWN
 from benchmarks.calibration.learning import module_of
 from benchmarks.common import engines, scoring
-from benchmarks.common.engines import OFFLINE, Estimate
+from benchmarks.common.engines import HOST, OFFLINE, Estimate
 from benchmarks.common.feed import MPU9250, Feed, sampled
 from benchmarks.common.paths import RECORDINGS
 from benchmarks.common.scoring import SIGMAS, Coverage, Score
 from benchmarks.harness import Figure, Report, Table, degrees
 from imud.params.trusted import known_to, place_of
 from imud.params.value import Params
+from imud.recordings import audit
 from imud.recordings.refining import at_rest_alone
 from imud.refine.known import priors_of
 from imud.refine.model import CALIBRATED, SHOP, Priors, Recording
@@ -56,6 +58,8 @@ class Outcome:
     change_sigma_deg: float
     change_inside: float
     is_withheld: bool
+    audit_tilt: float  # what an audit finds of the on-line error, over the true one
+    audit_heading: float
     cost: float  # seconds of processor a minute
 
 
@@ -101,17 +105,37 @@ def outcome_of(
     known = np.isfinite(turned)
     turned, sigma = turned[known], joined("change_deg")[moving][known]
     change = np.degrees(np.angle(np.exp(1j * np.radians(turned - turned[0]))))
+    found = audited(feed, motion, times_s, quats)
     return Outcome(
         group,
         scoring.score_at(times_s, quats, motion),
         scoring.score_at(other.times_s - delay_s, other.quats, motion),
         scoring.coverage_at(mine, motion),
         float(np.sqrt((change**2).mean())),
-        float(np.median(sigma)),
+        float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else math.nan,
         float((np.abs(change) < SIGMAS * sigma).mean()),
         any(part.doubts for part in parts),
+        *found,
         spent_s * 60.0 / (len(recording.gyr) / recording.rate_hz),
     )
+
+
+def audited(
+    feed: Feed, motion: Motion, times_s: FloatArray, quats: FloatArray
+) -> tuple[float, float]:
+    """Errors of on-line poses by the refined ones, over the true ones: rms of tilt and
+    of heading, where both are stated.
+    """
+    online = engines.ENGINES[HOST](feed)
+    _, stated = online.sigmas_deg
+    at = np.searchsorted(times_s, online.times_s).clip(max=len(times_s) - 1)
+    is_used = scoring.counted(online.times_s, motion) & np.isfinite(stated)
+    true = scoring.errors_at(online.times_s, online.quats, motion)
+    is_used &= np.isfinite(true.total)
+    tilt, heading = audit.differences(online.quats[is_used], quats[at][is_used])
+    pairs = (tilt, true.inclination[is_used]), (heading, true.heading[is_used])
+    one, other = (math.sqrt((a**2).mean() / (b**2).mean()) for a, b in pairs)
+    return one, other
 
 
 COLUMNS = {
@@ -125,6 +149,7 @@ COLUMNS = {
     "heading in %, sigma": ("heading in", ""),
     "change: error, sigma, in %": ("change", ""),
     "withheld, %": ("withheld", ".0f"),
+    "audit within 2, %": ("audit", ""),
     "s/min": ("cost", ".1f"),
 }
 
@@ -150,8 +175,18 @@ def row(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "heading in": f"{100 * inside.heading:.0f}, {inside.heading_sigma_deg:.2f}",
         "change": f"{change:.2f}, {sigma:.2f}, {100 * share:.0f}",
         "withheld": 100.0 * float(np.mean([each.is_withheld for each in outcomes])),
+        "audit": ", ".join(f"{share:.0f}" for share in audits(outcomes)),
         "cost": float(np.mean([each.cost for each in outcomes])),
     }
+
+
+def audits(outcomes: Sequence[Outcome]) -> list[float]:
+    """Shares of recordings, in percent, whose audit of tilt and of heading is right
+    within a factor of two.
+    """
+    found = np.array([(each.audit_tilt, each.audit_heading) for each in outcomes])
+    shares: list[float] = (100.0 * (np.abs(np.log2(found)) < 1.0).mean(axis=0)).tolist()
+    return shares
 
 
 def figures(groups: dict[str, list[Outcome]]) -> Iterator[Figure]:
@@ -167,6 +202,10 @@ def figures(groups: dict[str, list[Outcome]]) -> Iterator[Figure]:
         totals = [each.score.total for each in groups[MODULES]]
         yield degrees("modules: median total, deg", float(np.median(totals)), 1.5, 1.0)
         yield degrees("modules: worst total, deg", max(totals), 4.0, 3.0)
+    every = [each for name in groups for each in groups[name] if name != SIMPLE]
+    for kind, share in zip(("tilt", "heading"), audits(every), strict=True):
+        name = f"audit of {kind} within a factor 2, % of recordings"
+        yield Figure(name, share, (80.0, 100.0), (95.0, 100.0))
     made = {name: each for name, each in groups.items() if name not in KINDS}
     if not made:
         return
