@@ -90,7 +90,7 @@ def outcome_of(
     if group == SIMPLE:
         recording = at_rest_alone(recording)
     began_s = time.process_time()
-    parts = list(parts_of(recording, priors, delay_s))
+    parts = [part for part, _ in parts_of(recording, priors, delay_s)]
     spent_s = time.process_time() - began_s
 
     def joined(name: str) -> FloatArray:
@@ -161,7 +161,7 @@ def row(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         for name in ("score", "other")
     )
     inside = Coverage.mean([each.coverage for each in outcomes])
-    change, sigma, share = np.mean(
+    change, sigma, share = np.nanmean(
         [(e.change_deg, e.change_sigma_deg, e.change_inside) for e in outcomes], axis=0
     )
     return {

@@ -94,6 +94,15 @@ def above_zero(text: str) -> float:
     raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
 
 
+def finite(text: str) -> float:
+    """A finite number."""
+    with contextlib.suppress(ValueError):
+        number = float(text)
+        if abs(number) < float("inf"):
+            return number
+    raise argparse.ArgumentTypeError(f"{text} is not a finite number")
+
+
 def whole(low: int, high: int) -> Callable[[str], int]:
     """The type of whole numbers in low..high."""
 

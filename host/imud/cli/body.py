@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import add_command, add_json, add_seconds, whole
+from imud.cli.arguments import add_command, add_json, add_seconds, finite, whole
 from imud.defaults import ENDPOINT, PREFIX
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _add_manner(body: argparse.ArgumentParser) -> None:
     body.add_argument(
         "--facing",
         metavar="DEG",
-        type=float,
+        type=finite,
         help="the compass direction that the person faces when standing, clockwise "
         "from north, for probes without a hinge",
     )

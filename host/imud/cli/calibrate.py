@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import add_command, add_network, add_probe, client_of
+from imud.cli.arguments import add_command, add_network, add_probe, client_of, finite
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -112,7 +112,7 @@ def _add_tip(parser: argparse.ArgumentParser) -> None:
     ):
         count = 3 if metavar else None
         group.add_argument(
-            f"--{name}", metavar=metavar or "MM", type=float, nargs=count, help=words
+            f"--{name}", metavar=metavar or "MM", type=finite, nargs=count, help=words
         )
 
 

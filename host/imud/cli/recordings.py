@@ -17,6 +17,7 @@ from imud.cli.arguments import (
     add_probe,
     add_seconds,
     client_of,
+    finite,
 )
 from imud.defaults import ENDPOINT
 from imud.errors import ConfigError
@@ -194,7 +195,7 @@ def _add_export(commands: Commands) -> None:
     export.add_argument(
         "--facing",
         metavar="DEG",
-        type=float,
+        type=finite,
         help="with --body: the compass direction that the person faced when standing, "
         "clockwise from north, for probes without a hinge",
     )

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import add_command
+from imud.cli.arguments import add_command, finite
 from imud.cli.recordings import A_LOG
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def add(commands: Commands) -> None:
         "--params",
         metavar="FILE",
         type=Path,
-        help="write the calibration that it found, as a file for imud params write",
+        help="write the calibration that it found, as a file for imud params load",
     )
     refine.set_defaults(run=_refine)
     audit = add_command(
@@ -56,13 +56,13 @@ def add(commands: Commands) -> None:
     audit.add_argument(
         "--turn",
         metavar="DEG",
-        type=float,
+        type=finite,
         help="by how much you turned it from its first to its last rest, clockwise",
     )
     audit.add_argument(
         "--bearing",
         metavar="DEG",
-        type=float,
+        type=finite,
         help="where its x axis pointed at its first rest, clockwise from north",
     )
     audit.set_defaults(run=_audit)
@@ -90,7 +90,7 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
         metavar="WHERE",
         type=north,
         default="first-rest",
-        help="where the magnetic field points at its first-rest, on the average of the "
+        help="where the magnetic field points at its first rest, on the average of the "
         "place, or so many seconds after its beginning (default: %(default)s)",
     )
 
@@ -99,7 +99,7 @@ def north(text: str) -> str | float:
     """A word, or a time in seconds."""
     if text in ("first-rest", "place"):
         return text
-    return float(text)
+    return finite(text)
 
 
 def how(args: argparse.Namespace) -> How:

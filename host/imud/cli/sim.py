@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli import sim_leg
-from imud.cli.arguments import above_zero, add_command, whole
+from imud.cli.arguments import above_zero, add_command, finite, whole
 from imud.defaults import PAGE
 from imud.virtual.boards import BOARDS, VirtualBoard
 from imud.virtual.sim import WIRE, default_link, run
@@ -227,7 +227,7 @@ def _add_hardware(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
         )
     for name in WIRE:
         unit, text = _WIRE[name]
-        parser.add_argument(f"--{name}", metavar=unit, type=float, help=text)
+        parser.add_argument(f"--{name}", metavar=unit, type=finite, help=text)
     sim_leg.add_programs(parser)
 
 

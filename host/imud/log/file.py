@@ -43,6 +43,43 @@ class Settings:
     configuration: str = ""  # the daemon's settings as JSON
 
 
+class Channels(dict[tuple[str, str, str], int]):
+    """The ids of a log's channels by prefix, probe and topic: each is opened when it is
+    first asked for.
+    """
+
+    def __init__(self, writer: LogWriter) -> None:
+        self._writer = writer
+        self._schemas = {FRAME: 0}  # frames have none
+
+    def __missing__(self, of: tuple[str, str, str]) -> int:
+        topic = of[-1]
+        if topic not in self._schemas:
+            name, body = schema_of(topic)
+            data = json.dumps(body).encode()
+            self._schemas[topic] = self._writer.register_schema(
+                name, "jsonschema", data
+            )
+        encoding = FRAME_ENCODING if topic == FRAME else "json"
+        found = self._writer.register_channel(
+            "/".join(of), encoding, self._schemas[topic]
+        )
+        self[of] = found
+        return found
+
+    def add(self, prefix: str, record: Record, *, has_foxglove: bool = True) -> None:
+        """Adds the messages of a record."""
+        probe, add = record.probe, self._writer.add_message
+        # log_time: when it was received; publish_time: when it was measured.
+        log_ns, t_ns = record.t_received_ns, record.t_ns
+        sequence = record.sequence & 0xFFFFFFFF
+        for topic in topics_of(record, has_foxglove=has_foxglove):
+            payload = payload_on(record, topic)
+            add(self[prefix, probe, topic], log_ns, payload, t_ns, sequence)
+        if record.content:
+            add(self[prefix, probe, FRAME], log_ns, record.content, t_ns, sequence)
+
+
 class LogFile:
     """Writes records to a log: their channels and schemas, and the probes' hellos and
     params, which the file may have no frames of.
@@ -57,12 +94,11 @@ class LogFile:
         """`origin`: where it belongs among others (`log/retention`)."""
         self._file = file
         self._settings = settings
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[tuple[str, str], int] = {}
         self._hellos: dict[str, bytes] = {}
         self._params: dict[str, bytes] = {}
         self.index_size = 0
         self._writer = LogWriter(file, f"imud {version()}")
+        self._channels = Channels(self._writer)
         fingerprint = f"{schema.FINGERPRINT:#010x}"
         if origin:
             self._add_metadata("origin", dict(origin))
@@ -83,16 +119,9 @@ class LogFile:
         if record.params and self._params.get(record.probe) != record.params:
             self._params[record.probe] = record.params
             self._add_metadata("params", _params(record.probe, record.params))
-        probe, channels, add = record.probe, self._channels, self._writer.add_message
-        # log_time: when it was received; publish_time: when it was measured.
-        log_ns, t_ns = record.t_received_ns, record.t_ns
-        sequence = record.sequence & 0xFFFFFFFF
-        for topic in topics_of(record, has_foxglove=self._settings.has_foxglove):
-            channel = channels.get((probe, topic)) or self._channel(probe, topic)
-            add(channel, log_ns, payload_on(record, topic), t_ns, sequence)
-        if record.content:
-            channel = channels.get((probe, FRAME)) or self._channel(probe, FRAME)
-            add(channel, log_ns, record.content, t_ns, sequence)
+        self._channels.add(
+            self._settings.prefix, record, has_foxglove=self._settings.has_foxglove
+        )
 
     def flush(self) -> None:
         self._writer.flush()
@@ -113,26 +142,6 @@ class LogFile:
 
     def _add_metadata(self, name: str, values: dict[str, str]) -> None:
         self._writer.add_metadata(name, seal(name, values))
-
-    def _channel(self, probe: str, topic: str) -> int:
-        """Opens a channel; its id, which is not 0."""
-        name = f"{self._settings.prefix}/{probe}/{topic}"
-        encoding = FRAME_ENCODING if topic == FRAME else "json"
-        channel = self._writer.register_channel(name, encoding, self._schema(topic))
-        self._channels[probe, topic] = channel
-        return channel
-
-    def _schema(self, topic: str) -> int:
-        """The id of a topic's schema in this file; 0 for frames, which have none."""
-        if topic == FRAME:
-            return 0
-        if topic not in self._schemas:
-            name, body = schema_of(topic)
-            data = json.dumps(body).encode()
-            self._schemas[topic] = self._writer.register_schema(
-                name, "jsonschema", data
-            )
-        return self._schemas[topic]
 
 
 def _identity(probe: str, hello: bytes) -> dict[str, str]:

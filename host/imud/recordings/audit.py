@@ -6,6 +6,7 @@ that are estimated afterwards.
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from imud.errors import FileError
 from imud.recordings import audit_page
 from imud.recordings.raw_samples import CAUSES
 from imud.recordings.refining import How, Refined, all_refined
+from imud.recordings.source import beside
 from imud.refine.model import BoolArray
 from imud.refine.rests import stretches
 from imud.rotation import FloatArray
@@ -127,14 +129,14 @@ def audit_of(found: Refined) -> Audit | None:
     """None where it has no pose that refers to the world."""
     times_us, rows = found.stretch.online()
     t_us = np.asarray(found.stretch.t_us)
-    quats = found.joined("quats")
+    poses, quats = found.poses, found.poses.quats
     at = np.minimum(np.searchsorted(t_us, times_us), len(t_us) - 1)
     is_used = (t_us[at] == times_us) & (at < len(quats)) & (rows[:, 6] == 0.0)
     if not is_used.any():
         return None
     at, rows = at[is_used], rows[is_used]
     tilt, heading = differences(rows[:, :4], quats[at])
-    tilt_own, heading_own = (found.joined(n)[at] for n in ("tilt_deg", "heading_deg"))
+    tilt_own, heading_own = poses.tilt_deg[at], poses.heading_deg[at]
     heading[~np.isfinite(rows[:, 5])] = np.nan
     return Audit(
         found.stretch.probe,
@@ -146,7 +148,7 @@ def audit_of(found: Refined) -> Audit | None:
         tilt_own,
         heading_own,
         rows[:, 7],
-        tuple(found.doubts),
+        tuple(doubt.words for doubt in poses.doubts),
     )
 
 
@@ -164,8 +166,7 @@ def differences(quats: FloatArray, others: FloatArray) -> tuple[FloatArray, Floa
 
 def referred(found: Refined, known: Reference) -> Iterator[str]:
     """What a person's reference says of the poses."""
-    is_rest, quats = found.joined("is_rest"), found.joined("quats")
-    rests = stretches(is_rest > 0)
+    quats, rests = found.poses.quats, stretches(found.poses.is_rest)
     if known == Reference():
         return
     if not rests:
@@ -192,7 +193,9 @@ def referred(found: Refined, known: Reference) -> Iterator[str]:
 
 def run(path: Path, source: Path, to: Path | None, how: How, known: Reference) -> int:
     """Writes the page and says what was found; 0. FileError where it can't."""
-    to = to or source.with_name(f"{source.stem}-audit.html")
+    to = beside(source, to, "-audit.html")
+    if os.path.lexists(to) and not audit_page.is_page(to):
+        raise FileError(f"{to} is no page of imud audit; choose another file with --to")
     found, damage = all_refined(path, how)
     audits = [audit_of(each) for each in found]
     compared = [each for each in audits if each is not None]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 WIDTH, HEIGHT, LEFT, BELOW = 900, 220, 50, 24
 COLUMNS = 600  # of a curve: each has the largest of its poses
+HEAD = '<!doctype html><html lang="en"><meta charset="utf-8"><title>Audit of '
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto;
   padding: 0 1rem; color: #1b1b1b; background: #fff }
@@ -30,12 +32,20 @@ svg { width: 100%; height: auto } text { font-size: 12px; fill: #555 }
 """
 
 
+def is_page(path: Path) -> bool:
+    """Whether a file is such a page."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(HEAD)) == HEAD.encode()
+    except OSError:
+        return False
+
+
 def page_of(name: str, unseen: str, audits: Sequence[Audit]) -> str:
     """The page; `unseen`: what it can't tell."""
     parts = "".join(map(_section, audits))
     return (
-        '<!doctype html><html lang="en"><meta charset="utf-8">'
-        f"<title>Audit of {escape(name)}</title><style>{STYLE}</style>"
+        f"{HEAD}{escape(name)}</title><style>{STYLE}</style>"
         f"<h1>Audit of {escape(name)}</h1><p>{escape(unseen)}</p>{parts}"
         f'<p class="note">By imud {escape(version())}. Poses computed on line '
         "beside those that were estimated afterwards from all samples.</p></html>\n"

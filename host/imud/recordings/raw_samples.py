@@ -26,7 +26,7 @@ from imud.wire.messages import Message
 
 SUFFIX = "-refined"  # of the names of probes with refined poses
 PAUSE_US = 5_000_000  # longer ones begin another stretch
-LEAST_S = 10.0
+LEAST_S, RATE_LEAST_HZ = 10.0, 20.0
 FULL_SHARE = 0.9  # of a probe's samples that have to be there
 NAN = float("nan")
 NOTHING = (NAN, NAN, NAN)
@@ -49,9 +49,10 @@ class Stretch:
     gyr_delay_s: float = 0.0  # 0: not known
     t_us: array[float] = field(default_factory=lambda: array("d"))  # of the device
     times: array[int] = field(default_factory=lambda: array("q"))  # see `t_ns`
-    values: array[float] = field(default_factory=lambda: array("d"))
+    values: array[float] = field(default_factory=lambda: array("f"))
     is_bad: array[int] = field(default_factory=lambda: array("b"))
-    poses: array[float] = field(default_factory=lambda: array("d"))
+    poses_us: array[float] = field(default_factory=lambda: array("d"))
+    poses: array[float] = field(default_factory=lambda: array("f"))
     digest: int | None = None
 
     def add(self, event: Received) -> None:
@@ -73,7 +74,8 @@ class Stretch:
         flags = fields["pose_flags"]
         cause = next((i for i, flag in enumerate(CAUSES) if flag in flags), -1)
         about = float("tared" in flags), float(cause % len(CAUSES))
-        self.poses.extend((event.stamp.t_device_us, *fields["q"], *known, *about))
+        self.poses_us.append(event.stamp.t_device_us)
+        self.poses.extend((*fields["q"], *known, *about))
 
     @property
     def seconds(self) -> float:
@@ -87,9 +89,10 @@ class Stretch:
     @property
     def delay_s(self) -> float:
         """Of the gyroscope's low-pass; half a sample is in its integral."""
-        if self.gyr_delay_s == 0.0:
+        rate_hz = float(self.hello["sample_rate"])
+        if self.gyr_delay_s == 0.0 or rate_hz == 0.0:
             return 0.0
-        return self.gyr_delay_s - 0.5 / float(self.hello["sample_rate"])
+        return self.gyr_delay_s - 0.5 / rate_hz
 
     def recording(self) -> tuple[Recording, np.ndarray[Any, Any]]:
         """Samples at a constant rate, and which of them each message is. FileError
@@ -97,11 +100,11 @@ class Stretch:
         """
         t_us = np.asarray(self.t_us)
         steps_us = np.diff(t_us)
-        usual_us = float(np.median(steps_us))
+        usual_us = max(1.0, float(np.median(steps_us)))
         steps = np.maximum(1, np.rint(steps_us / usual_us)).astype(int)
         index = np.concatenate([[0], np.cumsum(steps)])
         rate_hz = 1e6 * index[-1] / (t_us[-1] - t_us[0])
-        whole_hz = float(self.hello["sample_rate"])
+        whole_hz = max(RATE_LEAST_HZ, float(self.hello["sample_rate"]))
         share = len(t_us) / (index[-1] + 1) * min(1.0, rate_hz / whole_hz)
         if share < FULL_SHARE:
             raise FileError(
@@ -123,8 +126,8 @@ class Stretch:
         """Times of the poses in us, (m,), and their quaternion, sigmas of tilt and
         heading in degrees, whether an origin was set, and the index of CAUSES: (m, 8).
         """
-        rows = np.asarray(self.poses).reshape(-1, 9)
-        return rows[:, 0], rows[:, 1:]
+        rows = np.asarray(self.poses, float).reshape(-1, 8)
+        return np.asarray(self.poses_us), rows
 
 
 def stretches_of(path: Path, damage: DamageCount, probe: str | None) -> list[Stretch]:

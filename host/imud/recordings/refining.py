@@ -9,9 +9,10 @@ import datetime
 import math
 import os
 import sys
+from array import array
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain
+from dataclasses import dataclass, replace
+from heapq import merge
 from pathlib import Path
 from typing import Any
 
@@ -21,27 +22,29 @@ import numpy as np
 from imud import rotation
 from imud.calibration.recording import Scale
 from imud.errors import ConfigError, FileError
-from imud.log.channels import pose_in_frame
 from imud.log.copy import copy_good
+from imud.log.file import Channels
 from imud.log.reader import size_of
-from imud.log.schemas import schema_of
 from imud.log.writer import LogWriter
 from imud.params import file
-from imud.params.value import SENSORS
+from imud.params.value import SENSORS, Params
 from imud.probes.record import Record
 from imud.progress import Progress
 from imud.published import SinceOrigin
 from imud.recordings.damage import DamageCount
 from imud.recordings.raw_samples import LEAST_S, SUFFIX, Stretch, stretches_of
+from imud.recordings.source import beside
 from imud.refine.found import proposed
 from imud.refine.known import priors_of
-from imud.refine.model import FIELD, SHOP, Priors, Recording
+from imud.refine.model import SHOP, Priors, Recording
 from imud.refine.rests import find_rests
 from imud.refine.whole import Part, parts_of
+from imud.refine.window import Window
 from imud.rotation import FloatArray
 
 FIRST_REST = "first-rest"
 YEAR_LEAST = 2000  # a time before it is since a start
+BLOCK = 4096  # poses of which there are objects at once
 _ENCODER = msgspec.json.Encoder()
 
 
@@ -55,40 +58,45 @@ class How:
     # in seconds.
     north: float | str = FIRST_REST
     probe: str | None = None
+    is_proposing: bool = False  # the calibration that was found
 
 
 @dataclass
 class Refined:
-    """A stretch and its poses, as far as they have been estimated."""
+    """A stretch and its poses, as far as they have been estimated: one for each raw
+    message, in its order.
+    """
 
     stretch: Stretch
-    recording: Recording
-    index: np.ndarray[Any, Any]  # which sample each message is
-    parts: list[Part] = field(default_factory=list)
-
-    def joined(self, name: str) -> FloatArray:
-        """A field of all parts, by messages."""
-        rows = np.concatenate([getattr(part, name) for part in self.parts])
-        return np.asarray(rows[self.index[self.index < len(rows)]])
-
-    @property
-    def doubts(self) -> list[str]:
-        """Why something is withheld, each once."""
-        words = (doubt.words for part in self.parts for doubt in part.doubts)
-        return list(dict.fromkeys(words))
+    poses: Part
+    is_whole: bool = True
+    params: Params | None = None  # that it found
 
     def lines(self) -> Iterator[str]:
         """What was found, for people."""
-        seconds = len(self.joined("tilt_deg")) / self.recording.rate_hz
-        tilt, heading, change = (
-            _words(self.joined(name))
-            for name in ("tilt_deg", "heading_deg", "change_deg")
+        t_us, poses = self.stretch.t_us, self.poses
+        seconds = (t_us[len(poses.quats) - 1] - t_us[0]) * 1e-6
+        tilt, heading, change = map(
+            _words, (poses.tilt_deg, poses.heading_deg, poses.change_deg)
         )
         yield (
             f"{self.stretch.probe}: {seconds:.0f} s; 1-sigma errors: tilt {tilt}, "
             f"heading {heading}, changes of heading {change}"
         )
-        yield from (f"  {words}" for words in self.doubts)
+        yield from (f"  {doubt.words}" for doubt in poses.doubts)
+
+
+def joined(parts: Sequence[Part], index: np.ndarray[Any, Any]) -> Part:
+    """The poses of all parts, by messages: which sample each is."""
+    known = index[index < sum(len(part.quats) for part in parts)]
+
+    def rows(name: str) -> Any:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    doubts = dict.fromkeys(doubt for part in parts for doubt in part.doubts)
+    by_sample = ("quats", "tilt_deg", "heading_deg", "change_deg", "is_rest")
+    found: dict[str, Any] = {name: rows(name)[known] for name in by_sample}
+    return Part(**found, fields=rows("fields"), doubts=tuple(doubts))
 
 
 def _words(sigmas: FloatArray) -> str:
@@ -102,36 +110,35 @@ def refined(stretch: Stretch, how: How, bar: Progress, done_s: float) -> Refined
     priors: Priors = SHOP if how.is_module else priors_of(stretch.params)
     if how.is_simple:
         recording = at_rest_alone(recording)
-    found = Refined(stretch, recording, index)
-    parts = parts_of(
-        recording,
-        priors,
-        stretch.delay_s,
-        lambda share: bar.update(done_s + share * stretch.seconds),
-    )
+    parts: list[Part] = []
+    window: Window | None = None
+    is_whole = True
     try:
-        for part in parts:
-            found.parts.append(part)
+        for part, window in parts_of(
+            recording,
+            priors,
+            stretch.delay_s,
+            lambda share: bar.update(done_s + share * stretch.seconds),
+        ):
+            parts.append(part)
+            if not how.is_proposing or part.doubts:
+                window = None  # it is large
     except KeyboardInterrupt:
-        if not found.parts:
+        if not parts:
             raise
-        bar.say("stopped: what is done is kept")
+        is_whole = False
     if how.north != FIRST_REST:
-        found.parts = turned(found.parts, how.north)
+        parts = turned(parts, how.north, recording.node_s)
+    stretch.values = array("f")
+    found = Refined(stretch, joined(parts, index), is_whole)
+    if window is not None:
+        found.params = _proposed(stretch, window)
     return found
 
 
-def turned(parts: Sequence[Part], north: float | str) -> list[Part]:
+def turned(parts: Sequence[Part], north: float | str, node_s: float) -> list[Part]:
     """The same with north where the field points at a time, or on the average."""
-    node_s = parts[0].window.recording.node_s
-    fields = np.concatenate(
-        [
-            part.window.estimate.states[
-                : round(len(part.quats) / part.window.recording.each), FIELD
-            ]
-            for part in parts
-        ]
-    )
+    fields = np.concatenate([part.fields for part in parts])
     if isinstance(north, float):
         at = round(north / node_s)
         if not 0 <= at < len(fields):
@@ -167,16 +174,22 @@ def all_refined(path: Path, how: How) -> tuple[list[Refined], DamageCount]:
             "send all of them (raw_rate in its configuration) while it is logged"
         )
     bar = Progress("refining", sum(each.seconds for each in stretches))
-    found, done_s = [], 0.0
+    found: list[Refined] = []
+    done_s = 0.0
     try:
         for stretch in stretches:
+            if found and not found[-1].is_whole:
+                break
             found.append(refined(stretch, how, bar, done_s))
             done_s += stretch.seconds
     except KeyboardInterrupt:
         if not found:
             raise
+        found[-1].is_whole = False
     finally:
         bar.end()
+    if not found[-1].is_whole:
+        bar.say("stopped: what is done is kept")
     return found, damage
 
 
@@ -186,9 +199,10 @@ def run(
     """Writes the log, and to `params` the calibration that was found, and says what
     that is; 0. FileError where it can't.
     """
-    to = to or source.with_name(f"{source.stem}{SUFFIX}.mcap")
+    to = beside(source, to, f"{SUFFIX}.mcap")
     if os.path.lexists(to):
         raise FileError(f"{to} already exists; choose another file with --to")
+    how = replace(how, is_proposing=params is not None)
     found, damage = all_refined(path, how)
     part = to.with_name(f"{to.name}.part")
     bar = Progress("writing", size_of(path))
@@ -210,21 +224,23 @@ def run(
     return 0
 
 
+def _proposed(stretch: Stretch, window: Window) -> Params:
+    """The params with the calibration that its last window has told."""
+    acc, gyr, mag = (float(stretch.hello[f"{name}_lsb"]) for name in SENSORS)
+    scale = Scale(acc, gyr, mag, window.recording.rate_hz)
+    t_s = int(stretch.t_ns[-1, 0]) / 1e9
+    day = datetime.datetime.fromtimestamp(t_s, datetime.UTC).date()
+    made = {"day": day} if day.year >= YEAR_LEAST else {}
+    return proposed(window, stretch.params, scale, made)
+
+
 def _propose(found: Sequence[Refined], to: Path) -> None:
     """Writes the calibration that the last stretch of a probe has told."""
     last, *others = {each.stretch.probe: each for each in found}.values()
     if others:
         raise FileError("params are those of one probe; choose it with --probe")
     stretch = last.stretch
-    acc, gyr, mag = (float(stretch.hello[f"{name}_lsb"]) for name in SENSORS)
-    scale = Scale(acc, gyr, mag, last.recording.rate_hz)
-    t_s = int(stretch.t_ns[-1, 0]) / 1e9
-    day = datetime.datetime.fromtimestamp(t_s, datetime.UTC).date()
-    made = {"day": day} if day.year >= YEAR_LEAST else {}
-    part = last.parts[-1]
-    params = stretch.params
-    if not part.doubts:
-        params = proposed(part.window, stretch.params, scale, made)
+    params = last.params or stretch.params
     told = [
         name
         for name in SENSORS
@@ -243,53 +259,45 @@ class Beside:
     """The refined poses, added to the copy of a log as their samples come."""
 
     def __init__(self, found: Sequence[Refined]) -> None:
-        self._due = chain.from_iterable(map(_records, found))
+        self._due = merge(*map(_records, found), key=lambda of: of.t_received_ns)
         self._next: Record | None = next(self._due, None)
-        self._channels: dict[tuple[str, str], int] = {}
-        self._prefixes = {each.stretch.probe: each.stretch.prefix for each in found}
+        self._channels: Channels | None = None
+        self._prefixes = {
+            each.stretch.probe + SUFFIX: each.stretch.prefix for each in found
+        }
 
     def add(self, writer: LogWriter, until_ns: int) -> None:
+        channels = self._channels = self._channels or Channels(writer)
         while self._next is not None and self._next.t_received_ns <= until_ns:
-            record = self._next
-            for topic, data in (
-                ("pose", record.payload),
-                ("pose_in_frame", pose_in_frame(record)),
-            ):
-                channel = self._channels.get((record.probe, topic))
-                if channel is None:
-                    channel = self._channel(writer, record.probe, topic)
-                writer.add_message(
-                    channel, record.t_received_ns, data, record.t_ns, record.sequence
-                )
+            channels.add(self._prefixes[self._next.probe], self._next)
             self._next = next(self._due, None)
-
-    def _channel(self, writer: LogWriter, probe: str, topic: str) -> int:
-        name, body = schema_of(topic)
-        schema = writer.register_schema(name, "jsonschema", _ENCODER.encode(body))
-        prefix = self._prefixes[probe.removesuffix(SUFFIX)]
-        channel = writer.register_channel(f"{prefix}/{probe}/{topic}", "json", schema)
-        self._channels[probe, topic] = channel
-        return channel
 
 
 def _records(of: Refined) -> Iterator[Record]:
-    quats, is_rest = of.joined("quats"), of.joined("is_rest").tolist()
-    sigmas = np.stack(
-        [of.joined(name) for name in ("tilt_deg", "heading_deg", "change_deg")], axis=1
-    )
+    count = len(of.poses.quats)
+    for start in range(0, count, BLOCK):
+        yield from _some_records(of, slice(start, min(start + BLOCK, count)))
+
+
+def _some_records(of: Refined, some: slice) -> Iterator[Record]:
+    poses, stretch = of.poses, of.stretch
+    columns = (poses.tilt_deg, poses.heading_deg, poses.change_deg)
+    sigmas = np.stack([column[some] for column in columns], axis=1)
     rows = np.where(np.isfinite(sigmas), sigmas, -1.0).tolist()
-    times, t_us = of.stretch.t_ns.tolist(), of.stretch.t_us
-    name = of.stretch.probe + SUFFIX
-    for at, (q, row) in enumerate(zip(quats.tolist(), rows, strict=True)):
+    quats, times = poses.quats[some].tolist(), stretch.t_ns[some].tolist()
+    t_us, is_rest = stretch.t_us[some], poses.is_rest[some].tolist()
+    name = stretch.probe + SUFFIX
+    for at, (q, row) in enumerate(zip(quats, rows, strict=True)):
         t_ns, received_ns, _ = times[at]
         tilt, heading, change = (None if sigma < 0.0 else sigma for sigma in row)
         flags = ("at_rest",) * is_rest[at] + ("heading_free",) * (heading is None)
-        age_s = (t_us[at] - t_us[0]) * 1e-6
+        age_s = (t_us[at] - stretch.t_us[0]) * 1e-6
+        number = some.start + at
         values: dict[str, Any] = {
             "type": "pose",
             "probe": name,
-            "seq": at,
-            "number": at,
+            "seq": number,
+            "number": number,
             "missing": 0,
             "t_device_us": round(t_us[at]),
             "t_ns": t_ns,
@@ -304,4 +312,6 @@ def _records(of: Refined) -> Iterator[Record]:
             "since_origin": SinceOrigin(change, tilt, age_s),
         }
         payload = _ENCODER.encode(values)
-        yield Record(name, "pose", payload, b"", at, t_ns, received_ns, values=values)
+        yield Record(
+            name, "pose", payload, b"", number, t_ns, received_ns, values=values
+        )

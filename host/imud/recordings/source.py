@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from imud.card.probe_log import MAGIC as CARD_MAGIC
-from imud.errors import FileError
+from imud.errors import ConfigError, FileError
 from imud.log.reader import legible
 from imud.log.undated import write_capture
 from imud.log.writer import MAGIC
@@ -67,6 +67,13 @@ def log_of(path: Path) -> Iterator[Path]:
                 f"{path} is neither a log nor a capture with messages of a probe"
             )
         yield log
+
+
+def beside(source: Path, to: Path | None, ending: str) -> Path:
+    """Where what is made of a log goes: to `to`, else beside it."""
+    if to is None and source == STDIN:
+        raise ConfigError("standard input has no name: name what is written with --to")
+    return to or source.with_name(f"{source.stem}{ending}")
 
 
 def chunks_of(path: Path) -> Iterator[bytes]:

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
-from imud.refine.model import FIELD, MAG, OWN, PLACE, SPEED, TURN
+from imud.refine.model import FIELD, MAG, OWN, PLACE, SPEED, TURN, Recording
 from imud.refine.reach import off_by, unseen_of
 from imud.refine.window import Window
 from imud.rotation import FloatArray
 
+FORCE_LEAST_M_S2 = 3.0
 TILT_STEP_DEG, HEADING_STEP_DEG = 0.05, 0.2  # rms, of the last round
 UNSEEN_DEG = 0.06  # deg/sqrt(s): turning that the gyroscope did not see
 SPEED_M_S, PLACE_M = 60.0, 10_000.0  # rms
@@ -41,6 +42,7 @@ def doubts_of(window: Window) -> tuple[Doubt, ...]:
 
 
 def _of_all(window: Window) -> Iterator[Doubt]:
+    yield from doubts_of_readings(window.recording)
     step = last_step_deg(window)[:2].max()
     if step > TILT_STEP_DEG:
         yield Doubt(f"the search has not ended: its last step is {step:.2f} deg", True)
@@ -61,7 +63,7 @@ def _of_all(window: Window) -> Iterator[Doubt]:
 def _of_heading(window: Window) -> Iterator[Doubt]:
     recording, priors = window.recording, window.priors
     if not recording.has_mag.any():
-        yield Doubt("there is no magnetometer: its heading is to where it began")
+        yield Doubt("no magnetometer reads a field: its heading is to where it began")
         return
     step = last_step_deg(window)[2]
     if step > HEADING_STEP_DEG:
@@ -85,6 +87,24 @@ def _of_heading(window: Window) -> Iterator[Doubt]:
         yield Doubt(
             f"the magnetometer is not calibrated, and turned by {varied:.0f} deg only"
         )
+
+
+def doubts_of_readings(recording: Recording) -> Iterator[Doubt]:
+    """What is wrong with a sensor, whatever the estimate."""
+    force = float(np.median(np.linalg.norm(recording.acc, axis=1)))
+    if force < FORCE_LEAST_M_S2:
+        yield Doubt(f"the accelerometer reads {force:.1f} m/s2 only", True)
+    mag = recording.mag[recording.has_mag]
+    for name, rows, is_of_all in (
+        ("gyroscope", recording.gyr, True),
+        ("accelerometer", recording.acc, True),
+        ("magnetometer", mag, False),
+    ):
+        is_stuck = np.ptp(rows, axis=0) == 0.0 if len(rows) else np.zeros(3, bool)
+        if is_stuck.any():
+            axis = "xyz"[int(np.argmax(is_stuck))]
+            words = f"the {name}'s {axis} axis reads the same all the time"
+            yield Doubt(words, is_of_all)
 
 
 def last_step_deg(window: Window) -> FloatArray:

@@ -74,17 +74,12 @@ def level(recording: Recording, estimate: Estimate, *, is_turned: bool) -> None:
     _, rates = rates_of(recording, estimate)
     ends, middles = within(rates, recording)
     forces = rotation.rotate(middles, recording.by_node(recording.acc)).mean(axis=1)
-    fields = (
-        np.nanmean(
-            rotation.rotate(
-                ends, recording.by_node(np.nan_to_num(recording.mag, nan=0.0))
-            )
-            / np.where(recording.by_node(recording.has_mag), 1.0, np.nan)[..., None],
-            axis=1,
-        )
-        if is_turned
-        else None
-    )
+    fields = None
+    if is_turned:
+        read = recording.by_node(np.nan_to_num(recording.mag))
+        reads = recording.by_node(recording.has_mag).sum(axis=1)[:, None]
+        fields = rotation.rotate(ends, read).sum(axis=1) / np.maximum(reads, 1)
+        fields[reads[:, 0] == 0] = np.nan
     attitude, north = estimate.first, None
     share = recording.node_s / LEVELLING_S
     for node in range(recording.count):

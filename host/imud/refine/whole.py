@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
-from imud.refine.checks import OWN_KNOWN_UT, Doubt, doubts_of
-from imud.refine.model import TURN, BoolArray, Priors, Recording
+from imud.refine.checks import OWN_KNOWN_UT, Doubt, doubts_of, doubts_of_readings
+from imud.refine.model import FIELD, TURN, BoolArray, Estimate, Priors, Recording
 from imud.refine.reach import searched
+from imud.refine.strapdown import course_of
 from imud.refine.window import Before, Window
 from imud.rotation import FloatArray
 
@@ -29,6 +30,9 @@ FAR_SHARE, UNKNOWN_SHARE = 1.4, 1.4
 # since it stands for what has no place there.
 CHANGE_SHARE = 0.6
 HAND_M_S = 1.0
+FIELD_LEAST_UT = 5.0  # the earth's is 25 and more
+NUMBER_MOST = 1e5  # rad/s, m/s2 or uT: no sensor reads that
+UNSOLVED = Doubt("its readings determine no poses", True)
 UPRIGHT = TURN.stop - 1  # about up: heading
 
 
@@ -43,8 +47,8 @@ class Part:
     heading_deg: FloatArray
     change_deg: FloatArray  # of the heading since the first pose
     is_rest: BoolArray
+    fields: FloatArray  # (intervals, 3), in the world, uT
     doubts: tuple[Doubt, ...]
-    window: Window
 
 
 def parts_of(
@@ -52,9 +56,9 @@ def parts_of(
     priors: Priors,
     delay_s: float = 0.0,
     tell: Callable[[float], None] = lambda _: None,
-) -> Iterator[Part]:
-    """All of it, a window at a time. `delay_s`: by which samples are later than what
-    they measure; `tell` is told the share that is done.
+) -> Iterator[tuple[Part, Window | None]]:
+    """All of it, a window at a time; None: it has no estimate. `delay_s`: by which
+    samples are later than what they measure; `tell` is told the share that is done.
     """
     kept, ahead = (round(s / recording.node_s) for s in (KEPT_S, AHEAD_S))
     count, start = recording.count, 0
@@ -64,23 +68,60 @@ def parts_of(
     while start < count:
         is_last = count - start <= kept + ahead
         end = count if is_last else start + kept + ahead
-        part = recording.part(start, end)
+        part = usable(recording.part(start, end))
         done = start / count
 
         def told(share: float, done: float = done, size: int = end - start) -> None:
             tell(done + share * size / count)
 
-        window = searched(part, priors, before, told)
         keep = end - start if is_last else kept
-        quats = window.course.late(-delay_s * recording.rate_hz)
-        sigmas = _sigmas(window, keep, first)
         samples = keep * recording.each
-        yield _faded(window, quats[:samples], sigmas, seam)
-        if is_last:
-            return
-        seam = quats[samples]
-        before = window.known_before(keep)
+        try:
+            with np.errstate(all="ignore"):  # what is not finite ends the search
+                window = searched(part, priors, before, told)
+                quats = window.course.late(-delay_s * recording.rate_hz)
+                sigmas = _sigmas(window, keep, first)
+                found = _faded(window, quats[:samples], sigmas, seam)
+                before = None if is_last else window.known_before(keep)
+        except np.linalg.LinAlgError:
+            found = _without(part.part(0, keep), seam)
+            before, seam, first = None, found.quats[-1], FirstPose(is_lost=True)
+            yield found, None
+        else:
+            seam = None if is_last else quats[samples]
+            yield found, window
+            del window  # hundreds of MB, while the next one is searched
         start += keep
+
+
+def usable(recording: Recording) -> Recording:
+    """The same without numbers that are none, and without a dead magnetometer."""
+    gyr, acc, mag = recording.gyr, recording.acc, recording.mag
+    # Comparisons with NaN are false.
+    is_good = np.asarray((np.abs(np.hstack([gyr, acc])) < NUMBER_MOST).all(axis=1))
+    if not is_good.all():
+        gyr, acc = (np.where(is_good[:, None], rows, 0.0) for rows in (gyr, acc))
+    is_read: BoolArray = np.asarray((np.abs(mag) < NUMBER_MOST).all(axis=1))
+    sizes = np.linalg.norm(mag[is_read], axis=1)
+    if len(sizes) and np.median(sizes) < FIELD_LEAST_UT:
+        is_read[:] = False
+    mag = np.where(is_read[:, None], mag, np.nan)
+    is_bad = ~is_good
+    if recording.is_bad is not None:
+        is_bad |= recording.is_bad
+    return Recording(recording.rate_hz, gyr, acc, mag, is_bad)
+
+
+def _without(recording: Recording, seam: FloatArray | None) -> Part:
+    """Poses by the gyroscope alone, of which nothing is stated."""
+    estimate = Estimate.begun(recording.count)
+    if seam is not None:
+        estimate.first = seam
+    quats = course_of(recording, estimate, np.zeros(3)).ends
+    unknown = np.full(len(quats), np.nan)
+    is_rest, fields = np.zeros(len(quats), bool), estimate.states[1:, FIELD]
+    doubts = UNSOLVED, *doubts_of_readings(recording)
+    return Part(quats, unknown, unknown, unknown, is_rest, fields, doubts)
 
 
 def _faded(
@@ -107,7 +148,8 @@ def _faded(
     if doubts:
         heading = np.full(len(quats), np.nan)
     is_rest = np.repeat(window.is_rest, recording.each)[: len(quats)]
-    return Part(quats, tilt, heading, change, is_rest, doubts, window)
+    fields = window.estimate.states[: len(quats) // recording.each, FIELD].copy()
+    return Part(quats, tilt, heading, change, is_rest, fields, doubts)
 
 
 @dataclass(slots=True)
@@ -116,11 +158,14 @@ class FirstPose:
 
     variance: float = math.nan  # of the first pose's heading, rad2
     share: float = 1.0  # its covariance with the window's first, over that's variance
+    is_lost: bool = False  # a window without an estimate is between
 
     def changes(self, window: Window, keep: int, own: FloatArray) -> FloatArray:
         """Variances of the heading's change since the first pose, at each node.
         `own`: of the heading.
         """
+        if self.is_lost:
+            return np.full(len(own), np.nan)
         if math.isnan(self.variance):
             self.variance = float(own[0])
         common = self.share * window.solution.covariance_with(0, UPRIGHT)[:, UPRIGHT]

@@ -101,12 +101,16 @@ class Window:
         self.course = course_of(self.recording, self.estimate, self.earth)
 
     def search(self) -> Iterator[float]:
-        """Takes steps until they are small; yields the largest turn in each, rad."""
+        """Takes steps until they are small; yields the largest turn in each, rad.
+        numpy.linalg.LinAlgError where its equations determine none.
+        """
         begin = 0 if self.like is None else LATER_ROUND
         for self.round in range(begin, ROUNDS):
             equations = self._equations(self.recording.count)
             self._add_known(equations)
             self.solution = equations.solved()
+            if not np.isfinite(self.solution.whole_covariance).all():
+                raise np.linalg.LinAlgError("not finite")
             self._take(self.solution.step, self.solution.whole_step)
             step = float(np.abs(self.solution.step[:, TURN]).max())
             yield step

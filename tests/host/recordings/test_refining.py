@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 from array import array
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,13 @@ import pytest
 
 from host.refine.made import RATE_HZ, made, off_deg
 from imud import cli, rotation
-from imud.errors import ConfigError
+from imud.errors import ConfigError, FileError
+from imud.log.reader import Logged, salvage
+from imud.log.writer import LogWriter
 from imud.params.file import read
 from imud.params.value import Params
-from imud.recordings import audit, refining
-from imud.recordings.raw_samples import Stretch
+from imud.recordings import audit, audit_page, refining, source
+from imud.recordings.raw_samples import Stretch, stretches_of
 from imud.recordings.refining import Refined
 from imud.refine.model import CALIBRATED, Recording
 from imud.refine.whole import parts_of
@@ -110,17 +113,15 @@ def test_the_field_in_motion_can_be_left_out(tmp_path: Path, capsys: Said) -> No
 
 
 def test_north_is_where_one_says() -> None:
-    pen = refined(np.zeros(3))
-    states = pen.parts[0].window.estimate.states
-    states[:, 9:12] = 0.0, 20.0, -43.0
-    states[100, 9:12] = 20.0, 20.0, -43.0  # at 10 s: 45 degrees to the east
-    before = pen.parts[0].quats
+    pen = refined(np.zeros(3)).poses
+    pen.fields[:] = 0.0, 20.0, -43.0
+    pen.fields[100] = 20.0, 20.0, -43.0  # at 10 s: 45 degrees to the east
     for north, turn in ((10.0, -45.0), ("place", 0.0), (5.0, 0.0)):
-        (part,) = refining.turned(pen.parts, north)
-        _, found = audit.differences(part.quats, before)
+        (part,) = refining.turned([pen], north, 0.1)
+        _, found = audit.differences(part.quats, pen.quats)
         assert found == pytest.approx(turn, abs=0.3)
     with pytest.raises(ConfigError, match="the recording is shorter"):
-        refining.turned(pen.parts, 31.0)
+        refining.turned([pen], 31.0, 0.1)
 
 
 def refined(turn: FloatArray) -> Refined:
@@ -130,10 +131,10 @@ def refined(turn: FloatArray) -> Refined:
     stretch.t_us = array("d", (np.arange(len(truth)) * 1e6 / RATE_HZ).tolist())
     online = rotation.multiply(rotation.from_rotation_vector(turn), truth)
     for t_us, q in zip(stretch.t_us, online.tolist(), strict=True):
-        stretch.poses.extend((t_us, *q, 0.5, 1.0, 0.0, 11.0))
-    found = Refined(stretch, recording, np.arange(len(truth)))
-    found.parts = list(parts_of(recording, CALIBRATED))
-    return found
+        stretch.poses_us.append(t_us)
+        stretch.poses.extend((*q, 0.5, 1.0, 0.0, 11.0))
+    ((part, _),) = parts_of(recording, CALIBRATED)
+    return Refined(stretch, part)
 
 
 def test_an_audit_finds_what_the_poses_were_off_by() -> None:
@@ -159,7 +160,7 @@ def test_a_persons_reference_is_compared() -> None:
     lines = list(audit.referred(pen, audit.Reference(bearing=90.0)))
     assert len(lines) == 2
     assert lines[1].startswith("  on line: points to 95.")
-    _, turned = audit.differences(pen.parts[0].quats[-1:], pen.parts[0].quats[:1])
+    _, turned = audit.differences(pen.poses.quats[-1:], pen.poses.quats[:1])
     known = audit.Reference(turn=float(turned[0]) - 2.0)
     lines = list(audit.referred(pen, known))
     assert len(lines) == 2
@@ -172,7 +173,89 @@ def test_an_audit_is_a_page_of_its_own(tmp_path: Path, capsys: Said) -> None:
     assert "no poses to the world's axes" in capsys.readouterr().err
     one = audit.audit_of(refined(np.radians([1.0, 0.0, 2.0])))
     assert one is not None
-    page = audit.audit_page.page_of("a<b.mcap", audit.UNSEEN, [one])
+    page = audit_page.page_of("a<b.mcap", audit.UNSEEN, [one])
     assert "a&lt;b.mcap" in page
     assert "//" not in page.replace("</", "")  # nothing from a network
     assert page.count("<svg") == 2
+
+
+def test_a_foreign_file_is_not_audited_over(tmp_path: Path, capsys: Said) -> None:
+    log = log_of(made(12.0)[0], tmp_path / "walk.mcap")
+    page = tmp_path / "walk-audit.html"
+    page.write_text("mine")
+    assert cli.main(["audit", str(log)]) == 1
+    assert "is no page of imud audit" in capsys.readouterr().err
+    assert page.read_text() == "mine"
+    one = audit.audit_of(refined(np.zeros(3)))
+    assert one is not None
+    page.write_text(audit_page.page_of("walk.mcap", audit.UNSEEN, [one]))
+    assert cli.main(["audit", str(log)]) == 1
+    assert "no poses to the world's axes" in capsys.readouterr().err
+
+
+def test_what_is_made_of_stdin_needs_a_name(capsys: Said) -> None:
+    for command in ("refine", "audit"):
+        with pytest.raises(ConfigError, match="name what is written with --to"):
+            source.beside(Path("-"), None, f"-{command}")
+    for option in ("--turn", "--bearing", "--north"):
+        with pytest.raises(SystemExit) as end:
+            cli.main(["audit", "-", option, "nan"])
+        assert end.value.code == 2
+        assert "nan is not a finite number" in capsys.readouterr().err
+
+
+def test_poses_of_two_probes_are_written_by_time(tmp_path: Path) -> None:
+    found = []
+    for name, late_ns in (("pen", 0), ("cup", 10_000_000)):
+        each = refined(np.zeros(3))
+        each.stretch.probe = name
+        for t_us in each.stretch.t_us:
+            t_ns = round(t_us * 1000) + late_ns
+            each.stretch.times.extend((t_ns, t_ns, 0))
+        found.append(each)
+    beside = refining.Beside(found)
+    path = tmp_path / "both.mcap"
+    with path.open("wb") as file:
+        writer = LogWriter(file, "test")
+        beside.add(writer, 20_000_000_000)
+        beside.add(writer, 40_000_000_000)
+        writer.finish()
+    read = [each for each in salvage(path) if isinstance(each, Logged)]
+    poses = [each for each in read if each.topic == "pose"]
+    assert [each.probe for each in poses[:3]] == [
+        "pen-refined",
+        "cup-refined",
+        "pen-refined",
+    ]
+    assert [each.t_ns for each in poses] == sorted(each.t_ns for each in poses)
+    assert len(poses) == sum(len(each.poses.quats) for each in found)
+    assert {each.topic for each in read} == {"pose", "pose_in_frame"}
+
+
+def test_ctrl_c_keeps_what_is_done(
+    tmp_path: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = log_of(made(12.0)[0], tmp_path / "walk.mcap")
+    calls = []
+
+    def stopped(*args: Any) -> Iterator[Any]:
+        calls.append(args)
+        yield from parts_of(*args[:2])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(refining, "parts_of", stopped)
+    monkeypatch.setattr(refining, "stretches_of", lambda *to: [*stretches_of(*to)] * 2)
+    assert cli.main(["refine", str(log)]) == 0
+    assert "stopped: what is done is kept" in capsys.readouterr().err
+    assert len(calls) == 1  # the second stretch was not begun
+    assert (tmp_path / "walk-refined.mcap").exists()
+
+
+def test_times_that_do_not_rise_are_refused() -> None:
+    stretch = Stretch("pen", "imu", HELLO, Params())
+    for at in range(600):
+        stretch.t_us.append(1e6 * (at == 599) * 20)
+        stretch.values.extend((0.0,) * 9)
+        stretch.is_bad.append(0)
+    with pytest.raises(FileError, match="of its samples are in the log"):
+        stretch.recording()
