@@ -8,6 +8,7 @@ import http.client
 import json
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
 from typing import Any, Self
 
 import pytest
@@ -16,6 +17,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from fakes import PATIENCE_S
 from imud.flash.firmware import Firmware
+from imud.web.limbs import FindDaemon
 from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.session import PortControl
@@ -54,6 +56,7 @@ class Served:
         ports: PortControl | None = None,
         firmware: tuple[Firmware, ...] | None = None,
         virtual: tuple[str, ...] = (),
+        limbs: tuple[Path, FindDaemon] | None = None,
     ) -> None:
         self.asked = Asked()
         self.notices: list[str] = []
@@ -65,6 +68,7 @@ class Served:
             ports=ports,
             firmware=firmware,
             virtual=virtual,
+            limbs=limbs,
             origins=origins,
             on_notice=lambda _, text, __: self.notices.append(text),
         )

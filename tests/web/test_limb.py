@@ -56,7 +56,7 @@ def shows(text: str) -> str:
 
 
 def test_it_guides_through_the_alignment(shown: Seen, desk: Desk) -> None:
-    assert shown.page.get_by_text("No limb yet").is_visible()
+    shown.page.get_by_text("No limb yet").wait_for()
     for stage in ("standing", "moving"):
         publish_until(shown, desk, shows(SAYS[stage]), stage=stage)
         assert (

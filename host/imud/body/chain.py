@@ -69,7 +69,7 @@ JOINTS: dict[str, Joint] = {
 }
 
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 class _Segment(msgspec.Struct, forbid_unknown_fields=True):
@@ -143,7 +143,7 @@ def read(text: str, source: str) -> Chain:
     if not found:
         file = msgspec.convert(table, _File)
         found = [(("segments", *path), words) for path, words in _faults(file)]
-        if not _NAME.fullmatch(file.name):
+        if not NAME.fullmatch(file.name):
             words = (
                 "use only letters, digits, dots, - and _: the name is part of keys "
                 f"and file names; try {fitting(file.name, '^A-Za-z0-9_.-', 'arm')}"

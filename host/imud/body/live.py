@@ -18,6 +18,7 @@ from imud import rotation
 from imud.body import heading, mounting, posture, session, tracks, zero
 from imud.body.chain import Chain, Segment
 from imud.body.feet import Feet
+from imud.body.following import Following
 from imud.body.heading import HeadingFilter
 from imud.body.hinge import AlignmentRefused
 from imud.body.history import ProbeHistory
@@ -34,7 +35,7 @@ from imud.body.state import (
     place,
 )
 from imud.body.tracks import AWAY_S, GAP_S, Track
-from imud.rotation import Quat
+from imud.rotation import FloatArray, Quat
 
 DELAY_S = 0.15
 ALIGN_S = 180.0  # of poses that an alignment looks back on
@@ -47,10 +48,12 @@ LOST_S = 1.0  # a probe that has been silent for longer is missing
 LOST = "the zero angle stays unknown: restart imud body"
 ZERO_S, ZERO_SHARE, ZERO_BEFORE_S = 3.0, 0.1, 0.1
 GUIDE_S = 1.0  # between two looks at the motion
-STAND_S = 3.0
+STAND_S, AGAIN_S = 3.0, 2.0
+# How long the person should stand still, in the stages that align.
+GUIDED = {"standing": STAND_S, "moving": AGAIN_S}
 
 STAND = f"stand straight and still for {STAND_S:g} s"
-MOVE = "bend every joint four times, then stand still for 2 s"
+MOVE = f"bend every joint four times, then stand still for {AGAIN_S:g} s"
 # Gaps of single poses are nothing for an alignment.
 GAP_ALIGN_S = 2.0 * GAP_S
 
@@ -88,6 +91,8 @@ class LiveBody:
         self._zeroed_s = math.inf  # of the next look for zeros that were not known
         self._steps: dict[str, HeadingFilter] = {}
         self._feet = Feet(chain)
+        self._following = Following(chain)
+        self._followed_s = math.inf  # up to when
         self._sides: dict[str, Quat] = {}  # the last attitudes, for their signs
         self._number = 0
 
@@ -99,8 +104,10 @@ class LiveBody:
         if now_s - self._looked_s >= GUIDE_S:
             self._looked_s = now_s
             self._guide(presences, time_s)
+        self._follow(time_s)
         shown = self._shown(time_s)
         self._number += 1
+        of_s = GUIDED.get(self.stage)
         bounds = [h.bound_us for h in self.histories.values() if h.bound_us is not None]
         return BodyState(
             body=self.chain.name,
@@ -111,11 +118,13 @@ class LiveBody:
             age_us=round(self._delay_s * 1e6),
             stage=self.stage,
             instruction=self.instruction,
+            still_s=None if of_s is None else round(self._following.still_s, 1),
+            still_of_s=of_s,
             aligned=self._method(),
             missing=tuple(n for n, state in presences.items() if state != "ok"),
             remarks=(*self.remarks, *self._feet.remarks()),
             segments=self._segments(shown, presences, now_s),
-            joints=joints(self.chain, shown),
+            joints=joints(self.chain, shown, self._following.bends),
         )
 
     @property
@@ -188,8 +197,24 @@ class LiveBody:
             # Earlier motion is no part of an alignment.
             self._begun_s = begin_s
             self.stage, self.instruction = "moving", MOVE
+            self._following.begin()
         if any(each[0] > end_s + session.MOTION_S for each in spans):
             self._align(found, time_s)
+
+    def _follow(self, time_s: float) -> None:
+        """Shows the person how far the motion that aligns is."""
+        if self.stage not in GUIDED:
+            self._followed_s = math.inf
+            return
+        if self._followed_s == math.inf:
+            self._followed_s = time_s
+            self._following.still_s = 0.0
+        count = int((time_s - self._followed_s) * RATE_HZ)
+        if count < 2:
+            return
+        times_s = self._followed_s + np.arange(1, count + 1) / RATE_HZ
+        self._followed_s = float(times_s[-1])
+        self._following.add(self._tracks(times_s))
 
     def _restart(self, time_s: float) -> None:
         """Begins again what rests on the heading of a probe that has another now."""
@@ -203,6 +228,7 @@ class LiveBody:
                     self._steps.pop(child.name, None)
             if self.stage in ("standing", "moving"):
                 self.stage, self._begun_s = "standing", time_s
+                self._following.still_s = 0.0
                 words = f"the probe of {segment.name} restarted or got another origin"
                 self.instruction = f"{words}. Start again: {STAND}"
             elif self._zeroed_s < math.inf:
@@ -220,6 +246,10 @@ class LiveBody:
         times_s = begin_s + np.arange(int((end_s - begin_s) * RATE_HZ)) / RATE_HZ
         if len(times_s) < RATE_HZ * session.STILL_S:
             return {}
+        return self._tracks(times_s)
+
+    def _tracks(self, times_s: FloatArray) -> dict[str, Track]:
+        """By segment; empty where a probe has none."""
         found = {}
         for segment in self.chain.segments:
             if segment.probe:
@@ -236,6 +266,7 @@ class LiveBody:
             self.stage = "standing"
             self.instruction = f"{refused}. Start again: {STAND}"
             self._begun_s = time_s
+            self._following.still_s = 0.0
             return
         self.stage, self.instruction = "running", None
         root = self.chain.segments[0].name

@@ -18,7 +18,7 @@ from imud.body.hinge import AlignmentRefused
 from imud.body.joints import JointModel
 from imud.body.mounting import Mount
 from imud.body.posture import Posture
-from imud.body.tracks import Track, turning
+from imud.body.tracks import BoolArray, Track, turning
 from imud.rotation import FloatArray
 
 RATE_HZ = 100.0
@@ -185,9 +185,7 @@ def align(
 def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:
     """Each STILL_S or more in which no probe leans: from and to, s. At least one."""
     times_s = next(iter(found.values())).times_s
-    fastest: FloatArray = np.max([turning(each) for each in found.values()], axis=0)
-    is_still = np.nan_to_num(fastest, nan=np.inf) < STILL_RAD_S
-    edges = np.diff(np.concatenate([[False], is_still, [False]]).astype(int))
+    edges = np.diff(np.concatenate([[False], is_still(found), [False]]).astype(int))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     spans = [
         (float(times_s[start]), float(times_s[end]))
@@ -199,3 +197,9 @@ def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:
             "no pose to align by: stand still for 3 s at the beginning"
         )
     return spans
+
+
+def is_still(found: Mapping[str, Track]) -> BoolArray:
+    """Whether no probe leans, at each moment."""
+    fastest: FloatArray = np.max([turning(each) for each in found.values()], axis=0)
+    return np.asarray(np.nan_to_num(fastest, nan=np.inf) < STILL_RAD_S)

@@ -8,7 +8,7 @@ is the root's start.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import msgspec
@@ -60,6 +60,7 @@ class JointState(msgspec.Struct, frozen=True, kw_only=True):
     child: str
     kind: str  # knee, hinge, ...
     at_m: Vector | None
+    bends: int  # counted since the person stood still to align
     angles_deg: dict[str, float] | None  # flexion, abduction, rotation, or fewer
     sigmas_deg: dict[str, float] | None
 
@@ -76,6 +77,8 @@ class BodyState(msgspec.Struct, frozen=True, kw_only=True):
     age_us: int  # from that moment to the publication
     stage: Stage
     instruction: str | None = msgspec.field(name="says")  # for the person
+    still_s: float | None  # how long it stands still by now; None once it is aligned
+    still_of_s: float | None  # and how long it should
     aligned: str | None  # by "motion" or "pose"
     missing: tuple[str, ...]  # segments whose probe is not `ok`
     remarks: tuple[str, ...]
@@ -104,8 +107,10 @@ def named(names: Sequence[str], rad: FloatArray) -> dict[str, float] | None:
     return {name: round(each, 2) for name, each in zip(names, degrees, strict=True)}
 
 
-def joints(chain: Chain, shown: Posture | None) -> tuple[JointState, ...]:
-    """The joints of a posture at a moment; None before alignment."""
+def joints(
+    chain: Chain, shown: Posture | None, bends: Mapping[str, int]
+) -> tuple[JointState, ...]:
+    """The joints of a posture at a moment; None before alignment. `bends`: by child."""
     states = []
     places = posture.places(chain, shown.quats) if shown is not None else {}
     for parent, child in chain.joints():
@@ -119,6 +124,7 @@ def joints(chain: Chain, shown: Posture | None) -> tuple[JointState, ...]:
                 child=child.name,
                 kind=child.kind,
                 at_m=place(places.get(f"{child.name}.start")),
+                bends=bends.get(child.name, 0),
                 angles_deg=angles,
                 sigmas_deg=sigmas if angles is not None else None,
             )

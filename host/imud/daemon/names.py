@@ -19,6 +19,7 @@ from imud.errors import FileError
 from imud.ports.adopted import file_of
 
 FILE, BUTTONS = "names.json", "buttons.json"
+LIMBS = "limbs"  # a folder of the page's
 
 logger = logging.getLogger("imud")
 

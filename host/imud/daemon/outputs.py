@@ -6,14 +6,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import msgspec
 
-from imud.config.settings import Config, ZenohSettings
+from imud.config.settings import Config, ZenohSettings, listens_on
 from imud.daemon.hub import Hub
 from imud.daemon.lane import Sink
 from imud.daemon.log_state import LOG
+from imud.daemon.names import LIMBS, path_of
 from imud.daemon.reports import NETWORK
 from imud.endpoint import host_and_port
 from imud.errors import FlashError, ListenFailed
@@ -21,7 +23,7 @@ from imud.flash import firmware
 from imud.flash.firmware import Firmware
 from imud.log.file import Settings
 from imud.log.retention import Retention
-from imud.net.network import Keys, read_keys
+from imud.net.network import Keys, own_file, read_keys
 from imud.net.queries import OnCommand
 from imud.net.refusals import tell_refusals
 from imud.ports.local import LocalPorts
@@ -135,7 +137,7 @@ class Outputs:
         address = host_and_port(config.web.listen)
         if config.web.enabled and address is not None:
             logs = LogFolder(Path(log.dir)) if log.enabled else None
-            of_page = (config.web, keys.digest, log.enabled, log.dir, config.ports)
+            of_page = (config.web, *of_network, log.enabled, log.dir, config.ports)
             wanted[PAGE] = Wanted(of_page, lambda: self._page(address, config, logs))
         served = host_and_port(config.foxglove.listen)
         if config.foxglove.enabled and served is not None:
@@ -176,6 +178,7 @@ class Outputs:
                 ports=LocalPorts(config.ports),
                 firmware=offered,
                 virtual=virtual,
+                limbs=(path_of(config, LIMBS), partial(_to_daemon, config.zenoh)),
                 origins=origins,
                 on_notice=self._on_notice,
             )
@@ -199,6 +202,15 @@ class Outputs:
         network = self._hub.sink(NETWORK)
         text = network.name_of(text) if isinstance(network, ZenohSink) else text
         self._on_notice(kind, text, True)
+
+
+def _to_daemon(network: ZenohSettings) -> tuple[str, ...]:
+    """Arguments by which a command of this machine finds this daemon; ConfigError."""
+    prefix = ("--prefix", network.prefix)
+    if (keys := own_file(network, is_abroad=False)) is not None:
+        return (*prefix, "--keys", str(keys))
+    own = own_network(network.mode, listens_on(network), network.connect)
+    return (*prefix, "--connect", own[0]) if own else prefix
 
 
 def offered_firmware() -> tuple[Firmware, ...]:

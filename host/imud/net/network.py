@@ -235,8 +235,14 @@ def own_credentials(settings: ZenohSettings, *, is_abroad: bool) -> Credentials 
 
     `is_abroad`: to a router of another network, which never gets the keys to our own.
     """
+    path = own_file(settings, is_abroad=is_abroad)
+    return None if path is None else read_credentials(path)
+
+
+def own_file(settings: ZenohSettings, *, is_abroad: bool) -> Path | None:
+    """The file with these credentials; ConfigError if it is missing."""
     if settings.credentials:
-        return read_credentials(Path(settings.credentials))
+        return Path(settings.credentials)
     if settings.keys and listens_on(settings) and not is_abroad:
         folder = Path(settings.keys)
         path = folder / CLIENTS / f"{OWN}.toml"
@@ -245,7 +251,7 @@ def own_credentials(settings: ZenohSettings, *, is_abroad: bool) -> Credentials 
                 f"{path} does not exist; create it with imud keys add {folder} daemon "
                 f"{OWN}"
             )
-        return read_credentials(path)
+        return path
     return None
 
 

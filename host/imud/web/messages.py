@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from imud.calibration.session import Kind
 from imud.commands import PARAMETERS_MAX
+from imud.web.limbs import LimbName, Setup
 
 # One part of a key, or of a selector: Zenoh gives the excluded characters a meaning.
 Name = Annotated[str, Meta(max_length=200, pattern=r"^[^/*$#?;=\s]+$")]
@@ -116,6 +117,21 @@ class Virtual(_Message, frozen=True):
     on: bool
 
 
+class Limbs(_Message, frozen=True):
+    """Asks for the limbs that are saved, and the segments that there are."""
+
+    id: int
+
+
+class Limb(_Message, frozen=True):
+    """Keeps a limb, if it has a `setup`, and runs it; without a name: ends it."""
+
+    id: int
+    name: LimbName | None
+    setup: Setup | None = None
+    replace: bool = False
+
+
 class Play(_Message, frozen=True):
     """Plays a log at this multiple of real time, from its beginning; of the one that
     is played, another speed. 0: stands still.
@@ -150,6 +166,8 @@ BrowserMessage = (
     | Ports
     | Adopt
     | Virtual
+    | Limbs
+    | Limb
     | Play
     | Seek
     | GoLive

@@ -14,6 +14,7 @@ import socket
 from collections.abc import AsyncIterator, Collection, Iterable, Mapping
 from functools import partial
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any, cast
 
 import msgspec
@@ -32,6 +33,7 @@ from imud.web.connections import Connection, Connections, OnNotice
 from imud.web.feed import CALIBRATION, UPDATE, Feed, Key
 from imud.web.files import Files
 from imud.web.guide import GuideError, Guides
+from imud.web.limbs import FindDaemon, Limbs
 from imud.web.logs import LogFolder
 from imud.web.playing import Players
 from imud.web.session import BrowserSession, OnAsk, PortControl, SessionContext
@@ -75,11 +77,13 @@ class Page:
         ports: PortControl | None = None,
         firmware: tuple[Firmware, ...] | None = None,
         virtual: tuple[str, ...] = (),
+        limbs: tuple[Path, FindDaemon] | None = None,
         origins: Collection[str] = (),
         on_notice: OnNotice = lambda *_: None,
     ) -> None:
         """`firmware`: the images for the boards of this machine; None: of another.
         `virtual`: the command of the virtual probe that is offered; empty: none is.
+        `limbs`: their folder, and how `imud body` finds the daemon; None: none here.
         `origins`: sites whose pages may open the stream, as https://example.org."""
         self._address = address
         self._origins = frozenset(origins)
@@ -93,10 +97,11 @@ class Page:
             told = partial(self._tell, UPDATE)
             self._updates = Updates(firmware, self._feed, self._ask, told)
         self._virtual = VirtualProbe(virtual, self._describe)
+        self._limbs = Limbs(*limbs, self._describe) if limbs is not None else None
         self._context = SessionContext(
             *(self._connections, self._feed, users, on_ask, page),
             *(self._guides, Players(), self._has_room, self._virtual),
-            *(logs, ports, self._updates),
+            *(logs, ports, self._updates, self._limbs),
         )
         self._on_ask = on_ask
         self._files = Files()
@@ -176,6 +181,8 @@ class Page:
         ):
             yield
             await self._virtual.end()
+            if self._limbs is not None:
+                await self._limbs.end()
             await self._guides.close()
             if self._updates is not None:
                 await self._updates.close()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, Protocol
 
 import msgspec
@@ -17,6 +17,8 @@ from imud.web.browser import Browser
 from imud.web.connections import Connections
 from imud.web.feed import CALIBRATION, Feed
 from imud.web.guide import GuideError, Guides
+from imud.web.limbs import SEGMENTS
+from imud.web.limbs import Limbs as SavedLimbs
 from imud.web.logs import LogFolder, part_of
 from imud.web.messages import (
     Adopt,
@@ -24,6 +26,8 @@ from imud.web.messages import (
     Calibrate,
     Export,
     GoLive,
+    Limb,
+    Limbs,
     Login,
     Logs,
     Play,
@@ -52,6 +56,7 @@ NO_COMMANDS = "your role may not send commands"
 NO_LOGS = "your role may not read logs"
 NO_UPDATES = "your role may not update firmware"
 NO_PORTS = "your role may not change ports"
+NO_LIMBS = "your role may not set up limbs"
 NO_VIRTUAL = "your role may not start a virtual probe"
 ASKS_MAX = 8  # commands of one browser that are not yet answered
 LOGINS_MAX = 3
@@ -81,6 +86,7 @@ class SessionContext(msgspec.Struct, frozen=True):
     logs: LogFolder | None = None  # None: there are none here
     ports: PortControl | None = None  # None: they are another machine's
     updates: Updates | None = None  # None: so are its boards
+    limbs: SavedLimbs | None = None  # None: so are their files
 
 
 class BrowserSession:
@@ -132,6 +138,7 @@ class BrowserSession:
                 "ports": self._has_ports(),
                 "firmware": self._offered(),
                 "virtual": self._context.virtual.standing if grant.commands else "",
+                "limbs": self._limbs_standing(),
                 "playing": self._playing.name if self._playing else None,
             }
         )
@@ -169,6 +176,8 @@ class BrowserSession:
             await self._tell_ports(request)
         elif isinstance(request, Virtual):
             self._begin_virtual(request)
+        elif isinstance(request, Limbs | Limb):
+            self._begin(self._set_limb(request))
         else:
             await self._tell_logs(request)
 
@@ -300,14 +309,47 @@ class BrowserSession:
         if not self._grant.commands:
             self._refuse(request.id, "role", NO_VIRTUAL)
         else:
-            task = self._loop.create_task(self._set_virtual(request))
-            self._starting.add(task)
-            task.add_done_callback(self._starting.discard)
+            self._begin(self._set_virtual(request))
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        """What takes a while, beside other requests."""
+        task = self._loop.create_task(work)
+        self._starting.add(task)
+        task.add_done_callback(self._starting.discard)
 
     async def _set_virtual(self, request: Virtual) -> None:
         virtual = self._context.virtual
         why = await virtual.begin() if request.on else await virtual.end()
         self._say_answer(request.id, b"true", why)
+
+    def _limbs_standing(self) -> dict[str, str] | None:
+        limbs = self._context.limbs
+        if limbs is None or not self._grant.commands:
+            return None
+        return {"running": limbs.running, "why": limbs.why}
+
+    async def _set_limb(self, request: Limbs | Limb) -> None:
+        limbs = self._context.limbs
+        if limbs is None or not self._grant.commands:
+            self._refuse(request.id, "role", NO_LIMBS)
+            return
+        value: Any = True
+        try:
+            if isinstance(request, Limbs):
+                saved = await asyncio.to_thread(limbs.saved)
+                value = {"segments": [*SEGMENTS], "saved": saved}
+            elif request.name is None:
+                await limbs.end()
+            else:
+                if request.setup is not None:
+                    await asyncio.to_thread(
+                        limbs.save, request.name, request.setup, replace=request.replace
+                    )
+                await limbs.run(request.name)
+        except ImudError as error:
+            self._say_answer(request.id, b"", str(error))
+        else:
+            self._say_answer(request.id, msgspec.json.encode(value), "")
 
     async def _calibrate(self, request: Calibrate) -> None:
         if not (self._grant.commands and CALIBRATION in self._grant.reads):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -125,6 +126,19 @@ def test_it_says_what_to_do_until_it_is_aligned():
     assert [s.number for _, s in shown()] == [*range(1, len(shown()) + 1)]
     aligned_s = next(time_s for time_s, s in shown() if s.stage == "running")
     assert made().stages["rest"][0] < aligned_s < made().stages["walk"][0] + 1.0
+
+
+def test_standing_and_bends_are_counted_while_it_is_aligned():
+    stages = {name: [s for _, s in shown() if s.stage == name] for name in live.GUIDED}
+    for name, of_s in live.GUIDED.items():
+        last = stages[name][-1]
+        assert (last.still_of_s, last.still_s) == (of_s, pytest.approx(of_s, abs=1.2))
+    # Two squats, and the knee is raised twice. The foot also turns in between.
+    knee, ankle = (each.bends for each in stages["moving"][-1].joints)
+    assert knee == 4 <= ankle
+    assert {s.still_s for s in stages["moving"] if not s.joints[0].bends} == {0.0}
+    assert {s.still_s for _, s in shown() if s.stage == "running"} == {None}
+    assert all(msgspec.json.encode(s) for _, s in shown())
 
 
 def test_angles_are_those_of_the_leg_within_what_is_stated():

@@ -4,6 +4,7 @@
 
 /** @typedef {Record<string, any> & { type: string }} Line */
 /** @typedef {"connecting" | "open" | "silent" | "login" | "lost"} LinkState */
+/** @typedef {{ side: string, probes: Record<string, string> }} LimbSetup the ids of probes by segment */
 /** @typedef {{ resolve: (answer: any) => void, reject: (error: Error) => void }} Waiting */
 
 // The server says something every 0.2 s; after a second without, it is silent, and after
@@ -154,6 +155,21 @@ export class Link extends EventTarget {
   /** @param {boolean} on whether a virtual probe should run */
   virtual(on) {
     return this._request({ do: "virtual", on });
+  }
+
+  /** @returns {Promise<{ segments: string[], saved: (LimbSetup & { name: string })[] }>} */
+  limbs() {
+    return this._request({ do: "limbs" });
+  }
+
+  /**
+   * Keeps a limb, if there is a set-up, and runs it.
+   * @param {string | null} name null: ends the one that runs
+   * @param {LimbSetup} [setup]
+   * @param {boolean} [replace] the saved one of that name
+   */
+  limb(name, setup, replace) {
+    return this._request({ do: "limb", name, setup, replace });
   }
 
   /**

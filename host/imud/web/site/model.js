@@ -148,6 +148,17 @@ export class Model extends EventTarget {
     return this._labels.get(name) ?? name;
   }
 
+  /**
+   * A text with what to call probes in the place of their ids.
+   * @param {string} text
+   */
+  named(text) {
+    return text.replace(/\b[0-9a-f]{16}\b/g, (id) => {
+      const probe = [...this.probes.values()].find(({ status }) => status?.probe_id === id);
+      return probe ? this.labelOf(probe.name) : id;
+    });
+  }
+
   /** Other probes are there, or are called otherwise. */
   _changed() {
     const all = [...this.probes.values()].map((probe) => ({ name: probe.name, label: probe.label }));

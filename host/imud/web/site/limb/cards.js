@@ -12,18 +12,24 @@ import { decimalsOf, fixed, micros, UNKNOWN } from "../format.js";
 const STAGES = [
   ["waiting", "probes"],
   ["standing", "stand still"],
-  ["moving", "squat, raise the knee"],
+  ["moving", "bend every joint"],
   ["running", "aligned"],
 ];
 const SHOWN = 8; // events
 
 /** How far the alignment is, and which probes are there. */
 export class AlignCard {
-  constructor() {
+  /** @param {import("../model.js").Model} model */
+  constructor(model) {
+    this._model = model;
     this._steps = STAGES.map(([stage, words]) => {
       return make("li", { class: "chip", "data-stage": stage }, words);
     });
     this._says = make("p", { class: "says", "data-part": "says", role: "status" });
+    this._still = make("progress", { "aria-label": "Time of standing still", value: 0 });
+    this._stillFor = make("span", { class: "value" });
+    this._standing = make("div", { class: "row" }, this._still, this._stillFor);
+    this._bends = make("p", { class: "value", "data-part": "bends" });
     this._probes = make("ul", { class: "targets", "data-part": "segments" });
     this._remarks = make("p", { class: "muted small" });
     this.element = make(
@@ -32,6 +38,8 @@ export class AlignCard {
       make("h2", {}, "Alignment"),
       make("ol", { class: "row steps" }, ...this._steps),
       this._says,
+      this._standing,
+      this._bends,
       this._probes,
       this._remarks,
     );
@@ -46,12 +54,13 @@ export class AlignCard {
       mark(step, "aria-current", index === at ? "step" : false);
     });
     const by = state.aligned ? `Aligned by ${state.aligned}.` : "";
-    say(this._says, state.says ?? by);
+    say(this._says, this._model.named(state.says ?? by));
+    this._guide(state);
     const yet = state.aligned ? [] : ["not aligned yet: no angles and places"];
     say(this._remarks, [...yet, ...state.remarks].join("; "));
     const rows = state.segments.map((/** @type {Line} */ segment) => {
       const words = segment.presence === "ok" ? "there" : segment.presence;
-      return [segment.name, segment.probe ?? "no probe", words, segment.age_us];
+      return [segment.name, this._model.named(segment.probe ?? "no probe"), words, segment.age_us];
     });
     const text = JSON.stringify(rows.map((/** @type {unknown[]} */ row) => row.slice(0, 3)));
     if (text !== this._listed) {
@@ -78,6 +87,20 @@ export class AlignCard {
         say(age, row[3] === null ? "" : micros(row[3]));
       }
     });
+  }
+
+  /** @param {Line} state how far standing and moving are */
+  _guide({ stage, still_s, still_of_s, joints }) {
+    this._standing.hidden = !still_of_s;
+    if (still_of_s) {
+      const stoodS = Math.min(still_s, still_of_s);
+      this._still.max = still_of_s;
+      this._still.value = stoodS;
+      say(this._stillFor, `${fixed(stoodS, 1)} of ${still_of_s} s`);
+    }
+    this._bends.hidden = stage !== "moving";
+    const counts = joints.map((/** @type {Line} */ { kind, bends }) => `${kind} ${bends ?? 0}`);
+    say(this._bends, `bends: ${counts.join(", ")}`);
   }
 }
 
@@ -121,7 +144,8 @@ export class AnglesCard {
     }
     rows.forEach((/** @type {any} */ { angle, error }, /** @type {number} */ index) => {
       const sure = error === undefined || error === null ? "" : ` ±${fixed(error, decimalsOf(error))}`;
-      const text = angle === undefined ? `${UNKNOWN}, missing` : `${fixed(angle, decimalsOf(error), 6)}°${sure}`;
+      const why = state.aligned ? "missing" : "not aligned yet";
+      const text = angle === undefined ? `${UNKNOWN}, ${why}` : `${fixed(angle, decimalsOf(error), 6)}°${sure}`;
       say(this._cells[index], text);
     });
   }

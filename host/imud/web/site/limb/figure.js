@@ -34,12 +34,15 @@ export function rodsOf({ start_m: start, end_m: end, marks_m: marks }) {
 }
 
 /**
- * The missing segments, and where the first of them would begin: at the end of its parent,
- * else at the origin.
+ * What is said of segments that are not drawn, and where the first of them would begin: at
+ * the end of its parent, else at the origin.
  * @param {Line} state
- * @returns {{ name: string, at: Vector }[]}
+ * @returns {{ words: string, at: Vector }[]}
  */
 export function missingOf(state) {
+  if (!state.aligned) {
+    return [{ words: "not aligned yet", at: [0, 0, 0] }];
+  }
   /** @type {Map<string, { name: string, at: Vector }>} */
   const found = new Map();
   const byName = new Map(state.segments.map((/** @type {Line} */ one) => [one.name, one]));
@@ -55,7 +58,7 @@ export function missingOf(state) {
       found.set(name, { name, at: byName.get(parent)?.end_m ?? [0, 0, 0] });
     }
   }
-  return [...new Set(found.values())];
+  return [...new Set(found.values())].map(({ name, at }) => ({ words: `${name} missing`, at }));
 }
 
 /**
@@ -157,10 +160,10 @@ export class Figure extends View3d {
         this._ball(segment.start_m, joint);
       }
     }
-    for (const { name, at } of missingOf(state)) {
+    for (const { words, at } of missingOf(state)) {
       const [x, y, z] = at;
       const place = /** @type {const} */ ([x * scale, y * scale, z * scale - 0.12]);
-      this._words.add(word(`${name} missing`, colours.warn, place, 0.14));
+      this._words.add(word(words, colours.warn, place, 0.14));
     }
     this.invalidate();
   }

@@ -79,9 +79,9 @@ export class Sagittal {
     context.globalAlpha = 1;
     context.font = "600 13px system-ui, sans-serif";
     context.fillStyle = colour("warn");
-    for (const { name, at } of missingOf(state)) {
+    for (const { words, at } of missingOf(state)) {
       const [x, y] = place(at);
-      context.fillText(`${name} missing`, x + 8, y + 16);
+      context.fillText(words, x + 8, y + 16);
     }
   }
 

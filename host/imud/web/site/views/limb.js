@@ -8,6 +8,7 @@ import { span } from "../format.js";
 import { AlignCard, AnglesCard, GaitCard } from "../limb/cards.js";
 import { Figure } from "../limb/figure.js";
 import { LimbRecorder } from "../limb/recorder.js";
+import { SetupCard } from "../limb/setup.js";
 import { Sagittal } from "../limb/sagittal.js";
 import { Chart } from "../signals/chart.js";
 
@@ -18,6 +19,8 @@ const STALE_MS = 400;
 const DRAW_MS = 40;
 const NUMBERS_MS = 50;
 const SHOWN_S = 10;
+const HERE = "Strap a probe to each segment of a leg or an arm, and choose which sits where.";
+const ELSEWHERE = "An operator sets one up on the page of the daemon's own machine, or with imud body.";
 
 /** A view of one limb. */
 export class LimbView {
@@ -31,16 +34,10 @@ export class LimbView {
     this._numbersMs = 0;
     this._choice = make("select", { "aria-label": "Limb", onchange: () => this._choose() });
     this._age = make("span", { class: "chip warn", "data-part": "age", hidden: true });
-    this._empty = make(
-      "p",
-      { class: "empty" },
-      "No limb yet. Strap a probe to each segment, list the probes and segments in a file, and run ",
-      make("b", {}, "imud body leg.toml"),
-      " with the daemon running. To try a leg without any probe: ",
-      make("b", {}, "imud sim leg"),
-      ", which prints the next commands.",
-    );
-    this._align = new AlignCard();
+    this._setup = new SetupCard(model);
+    this._hint = make("p", { class: "muted" });
+    this._empty = make("div", { class: "no-limb stack" }, this._hint);
+    this._align = new AlignCard(model);
     this._angles = new AnglesCard();
     this._gait = new GaitCard();
     this._sagittal = new Sagittal();
@@ -51,6 +48,7 @@ export class LimbView {
     this._recorder = new LimbRecorder("");
     /** @type {LimbRecorder["history"]} */
     this._history = null;
+    this._side = make("aside", { class: "side" }, this._align.element, this._angles.element, this._gait.element);
     this._body = make(
       "div",
       { class: "limb-body", hidden: true },
@@ -66,7 +64,7 @@ export class LimbView {
         this._sagittal.element,
         this._charts,
       ),
-      make("aside", { class: "side" }, this._align.element, this._angles.element, this._gait.element),
+      this._side,
     );
     this.element = make("section", { class: "limb view" }, this._empty, this._body);
     /** @type {Figure | null} */
@@ -88,6 +86,7 @@ export class LimbView {
   close() {
     this._model.removeEventListener("body", this._hear);
     this._model.removeEventListener("reset", this._reset);
+    this._setup.close();
     this.figure?.close();
     this._closeCharts();
   }
@@ -109,6 +108,12 @@ export class LimbView {
     const names = [...this._model.bodies.keys()].sort();
     this._empty.hidden = names.length > 0;
     this._body.hidden = names.length === 0;
+    const place = names.length > 0 ? this._side : this._empty;
+    if (this._setup.element.parentElement !== place) {
+      place.append(this._setup.element);
+    }
+    this._setup.draw();
+    say(this._hint, `No limb yet. ${this._setup.element.hidden ? ELSEWHERE : HERE}`);
     this._list(names);
     const body = this._model.bodies.get(this._recorder.name);
     if (body === undefined) {
@@ -117,6 +122,7 @@ export class LimbView {
     const { state, heardMs } = body;
     const isStale = nowMs - heardMs > STALE_MS || this._model.link.state !== "open";
     mark(this.element, "data-stale", isStale);
+    mark(this._body, "data-aligned", Boolean(state.aligned));
     this._scene()?.show(state, isStale);
     this.figure?.draw();
     if (nowMs - this._numbersMs >= NUMBERS_MS) {
