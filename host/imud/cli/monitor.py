@@ -24,6 +24,7 @@ from imud.cli.keyboard import Quit, keys_of, pressed
 from imud.cli.pose_table import PIPE_S, TERMINAL_S
 from imud.cli.status_text import age_words, balance_words, since_words, sinks_words
 from imud.client import (
+    Body,
     Missed,
     Pose,
     Published,
@@ -159,6 +160,8 @@ class MonitorScreen:
     is_connected: bool = True
 
     def add(self, message: Published, now_s: float) -> None:
+        if isinstance(message, Body):
+            return
         shown = self.probes.setdefault(message.probe, Shown(message.probe))
         shown.add(message, now_s)
 

@@ -145,7 +145,11 @@ class Client:
         return self._session.declare_subscriber(key, on_sample).undeclare
 
     def _key(self, probe: str | None, end: str) -> str:
-        """The key of a probe by its name or id; None: of every probe."""
+        """The key of a probe by its name or id; None: of every probe. A body has a
+        name, too.
+        """
+        if end == access.BODIES:
+            return f"{self._prefix}/{end}/{access.address(probe)}/{access.BODY_STATE}"
         return f"{self._prefix}/{access.address(probe)}/{end}"
 
     def subscribe(

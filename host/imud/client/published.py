@@ -11,9 +11,9 @@ from typing import Any, Literal
 import msgspec
 
 from imud import rotation
-from imud.published import Event, PoseFields, Raw, Stroke, Vector
+from imud.published import Event, Mark, PoseFields, Quaternion, Raw, Stroke, Vector
 
-Topic = Literal["pose", "raw", "event", "stroke", "status"]
+Topic = Literal["pose", "raw", "event", "stroke", "status", "mark", "body"]
 
 
 class Pose(PoseFields, frozen=True, kw_only=True):
@@ -56,12 +56,37 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     hello: dict[str, Any] = {}
 
 
+class Segment(msgspec.Struct, frozen=True, kw_only=True):
+    """One of a body. `q`: world_from_segment; None while it is missing."""
+
+    name: str
+    parent: str | None
+    presence: str
+    q: Quaternion | None
+
+
+class Body(msgspec.Struct, frozen=True, kw_only=True):
+    """The state of a body: docs/limb.md."""
+
+    body: str
+    side: str
+    number: int
+    t_ns: int
+    t_bound_us: int | None
+    stage: str
+    missing: tuple[str, ...]
+    segments: tuple[Segment, ...]
+    joints: tuple[dict[str, Any], ...]
+
+
 # The items of a subscription; KINDS has the type of each topic.
-Published = Pose | Raw | Event | Stroke | Status
+Published = Pose | Raw | Event | Stroke | Status | Mark | Body
 KINDS: dict[str, type[Published]] = {
     "pose": Pose,
     "raw": Raw,
     "event": Event,
     "stroke": Stroke,
     "status": Status,
+    "mark": Mark,
+    "body": Body,
 }

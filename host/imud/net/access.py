@@ -87,7 +87,8 @@ def address(probe: str | None) -> str:
 
 def who_may(do: str) -> list[Role]:
     """The roles that may send commands (COMMAND), send that one (cmd/NAME), or read
-    that topic. An unknown command takes the role of some command, to be told so.
+    that topic; BODIES, every role. An unknown command takes the role of some command,
+    to be told so.
     """
     if do == COMMAND or do.startswith(CMD):
         row = COMMANDS.get(do.removeprefix(CMD))
@@ -96,7 +97,8 @@ def who_may(do: str) -> list[Role]:
             *(role for role in READS if any(role in r.roles for r in rows)),
             "daemon",
         ]
-    return [*(role for role, topics in READS.items() if do in topics), "daemon"]
+    readers = (role for role, topics in READS.items() if do in (*topics, BODIES))
+    return [*readers, "daemon"]
 
 
 def _commands_of(role: Role) -> list[str]:

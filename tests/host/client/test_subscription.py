@@ -15,10 +15,14 @@ from typing import Any
 import pytest
 
 from chain import Chain
+from configured import running
 from fakes import POSE, DaemonProcess
 from imud.client import (
+    Body,
+    Client,
     Delivery,
     Event,
+    Mark,
     Missed,
     Pose,
     Raw,
@@ -376,3 +380,24 @@ def test_a_daemon_that_is_killed_and_started_again_is_heard_again(
             start(chain, subscription)
         assert before.daemon_restarts == 0
         assert subscription.missed.daemon_restarts == 1
+
+
+def test_marks_and_states_of_bodies_come_to_who_wants_them(tmp_path: Path) -> None:
+    segment = {"name": "thigh", "parent": None, "presence": "ok", "q": POSE["q"]}
+    state = {"type": "body", "body": "leg", "side": "right", "number": 1, "t_ns": 5}
+    state |= {"t_bound_us": None, "stage": "running", "says": None, "missing": []}
+    state |= {"segments": [segment], "joints": []}
+    with (
+        running(tmp_path, "") as (daemon, probe, _),
+        subscribe(topics=("mark", "body"), endpoint=daemon.endpoint) as told,
+        Client(daemon.endpoint) as client,
+    ):
+        while (mark := told.get(0.2)) is None:
+            client.command(probe.name, "mark", value="0.42", unit="N")
+        assert isinstance(mark, Mark)
+        assert (mark.probe, mark.value, mark.unit) == (probe.name, 0.42, "N")
+        client.session.put("imud/body/leg/state", json.dumps(state))
+        while isinstance(body := next(told), Mark):
+            pass
+        assert isinstance(body, Body)
+        assert (body.body, body.segments[0].q) == ("leg", POSE["q"])

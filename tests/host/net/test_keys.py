@@ -290,6 +290,7 @@ def test_the_daemon_is_a_user_of_its_own_network_and_shows_that_to_no_other(
 
 def test_roles_read_and_command_what_they_are_for() -> None:
     assert access.who_may("pose") == ["viewer", "operator", "recorder", "daemon"]
+    assert access.who_may("body") == access.who_may("pose")
     assert access.who_may("raw") == ["operator", "recorder", "daemon"]
     assert access.who_may("frame") == ["recorder", "daemon"]
     assert access.who_may(access.COMMAND) == ["operator", "daemon"]
