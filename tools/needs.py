@@ -104,12 +104,17 @@ for _name in PICOS:
         *(Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")), NEWLIB),
         *(Need("nodejs", has("node")), Need("npm", has("npm"))),
     )
+SYSTEMD_RUNS = Path("/run/systemd/system")
 TEST_NEEDS = (
     NEWLIB,
     # Independent tools that check a card which `imud card prepare` made.
     Need("dosfstools", has("fsck.fat")),
     Need("mtools", has("mdir")),
     Need("fdisk", has("sfdisk")),
+    # The other ends of imud bridge. Where a package would start its broker at once, and
+    # at each boot, it is left out, and so are the tests that need it.
+    Need("liblo-tools", has("oscdump")),
+    Need("mosquitto", lambda: has("mosquitto")() or SYSTEMD_RUNS.exists()),
     # For systemd-analyze; not installed where another init system is in use.
     Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )

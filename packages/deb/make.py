@@ -19,6 +19,7 @@ from pathlib import Path
 HOME = Path("/opt/imu-probe")
 USER = "imud"  # that the service runs as
 SERVICE = "imu-probe.service"
+BRIDGE = "imu-probe-bridge.service"
 # What is linked into /usr where nobody else has the name: command, pages, completion.
 AS_IMUD = HOME / "as-imud"
 # The unit of packages before it had that name.
@@ -63,7 +64,7 @@ if [ "$1" = configure ]; then
     if [ -d /run/systemd/system ]; then
         systemctl daemon-reload
         udevadm control --reload || true
-        if [ -n "$2" ]; then systemctl try-restart {SERVICE} || true; fi
+        if [ -n "$2" ]; then systemctl try-restart {SERVICE} {BRIDGE} || true; fi
         if [ -e /run/{SERVICE} ]; then
             rm /run/{SERVICE}
             systemctl enable --now {SERVICE} || true
@@ -77,7 +78,7 @@ set -e
 find /usr/bin /usr/share/{MAN} /usr/share/{COMPLETIONS} \\
     -maxdepth 1 -lname '{AS_IMUD}/*' -delete
 if [ "$1" = remove ] && [ -d /run/systemd/system ]; then
-    systemctl disable --now {SERVICE} || true
+    systemctl disable --now {SERVICE} {BRIDGE} || true
 fi
 """
 SCRIPTS = {

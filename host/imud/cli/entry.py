@@ -19,6 +19,7 @@ from typing import NoReturn
 from imud import checkout
 from imud.cli import (
     body,
+    bridge,
     calibrate,
     card,
     check,
@@ -45,7 +46,7 @@ FAULT = 70
 # The rooms by the titles under which the help lists their commands.
 GROUPS = {
     "the daemon": (daemon, keys),
-    "watch": (watch, body),
+    "watch": (watch, body, bridge),
     "command": (probe,),
     "calibrate": (calibrate, params),
     "logs": (recordings, refining, importing, card),

@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from imud.config.rules import contradictions
-from imud.config.settings import Config, JournalSettings
+from imud.config.settings import Config
 from imud.config.toml import (
     Mistake,
     called,
@@ -45,8 +45,10 @@ def load(
     page: str | None = None,
     is_page: bool = True,
     level: str | None = None,
+    changes: Mapping[str, Mapping[str, object]] | None = None,
 ) -> Config:
     """The settings of a file, with arguments of the command line in their place.
+    `changes`: others by section and key; None: as they are.
 
     Raises ConfigError with the first mistake and the number of others.
     """
@@ -71,17 +73,24 @@ def load(
     if not is_page:
         config = replace(config, web=replace(config.web, enabled=False))
     if level is not None:
-        changes: dict[str, object] = {"level": level}
-        journal = msgspec.convert(
-            msgspec.to_builtins(config.journal) | changes, JournalSettings
-        )
-        config = replace(config, journal=journal)
+        config = _with(config, "journal", {"level": level})
+    for section, values in (changes or {}).items():
+        config = _with(config, section, values)
     found = list(contradictions(config))
     if found:
         raise ConfigError(
             f"{path if path is not None else 'arguments'}: {_first(found)}"
         )
     return config
+
+
+def _with(config: Config, section: str, values: Mapping[str, object]) -> Config:
+    before = getattr(config, section)
+    given = {key: value for key, value in values.items() if value is not None}
+    if found := mistakes({section: given}, Config):
+        raise ConfigError(f"arguments: {_first(found)}")
+    held = msgspec.convert(msgspec.to_builtins(before) | given, type(before))
+    return msgspec.structs.replace(config, **{section: held})
 
 
 def _read(path: Path) -> Config:

@@ -25,7 +25,17 @@ from imud.config.settings import (
     port_and_baud,
 )
 from imud.config.toml import Mistake, cut
-from imud.defaults import ENDPOINT, FOXGLOVE, OPENIGTLINK, PAGE, PREFIX
+from imud.defaults import (
+    ENDPOINT,
+    FOXGLOVE,
+    MAVLINK,
+    MQTT,
+    OPENIGTLINK,
+    OSC,
+    PAGE,
+    PREFIX,
+    VMC,
+)
 from imud.endpoint import (
     KEY,
     NAME,
@@ -37,6 +47,7 @@ from imud.endpoint import (
 from imud.igtl import names as igtl
 from imud.ros2 import topics
 
+BRIDGED = {"osc": OSC, "vmc": VMC, "mqtt": MQTT, "mavlink": MAVLINK}
 _OR_ANYBODY = ", or let anybody read: open_to_all = true"
 _ORIGIN = re.compile(r"null|https?://(\[[0-9a-f:.]+\]|[\w.-]+)(:[0-9]{1,5})?")
 _PROBE_ID = re.compile(r"[0-9a-f]{16}")
@@ -65,6 +76,7 @@ def contradictions(config: Config) -> Iterator[Mistake]:
     yield from _of_probes(config.probes)
     if config.ros2.enabled:
         yield from _of_ros2(config)
+    yield from _of_bridge(config)
 
 
 def _of_ports(section: PortSettings) -> Iterator[Mistake]:
@@ -123,6 +135,19 @@ def _of_openigtlink(section: OpenIgtLinkSettings, keys: str) -> Iterator[Mistake
             "OpenIGTLink has no users, but zenoh.keys admits only users; turn it "
             "off, or let anybody read: open_to_all = true",
         )
+
+
+def _of_bridge(config: Config) -> Iterator[Mistake]:
+    """Of imud bridge, which sends to where it is told."""
+    if wrong := misspelt(config.bridge.connect, ENDPOINT):
+        yield Mistake(("bridge", "connect"), wrong)
+    for name, usual in BRIDGED.items():
+        if wrong := misspelt(getattr(config, name).to, usual):
+            yield Mistake((name, "to"), wrong)
+    for name in ("topic", "discovery"):
+        text = getattr(config.mqtt, name)
+        if text and not KEY.fullmatch(text):
+            yield Mistake(("mqtt", name), unfit(text, PREFIX))
 
 
 def _of_log(section: LogSettings) -> Iterator[Mistake]:

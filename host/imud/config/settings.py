@@ -19,10 +19,14 @@ from imud.defaults import (
     ENDPOINT,
     FOXGLOVE,
     HISTORY,
+    MAVLINK,
+    MQTT,
     OPENIGTLINK,
+    OSC,
     PAGE,
     PREFIX,
     STATE,
+    VMC,
 )
 
 
@@ -281,6 +285,97 @@ class OpenIgtLinkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     ] = False
 
 
+class BridgeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where `imud bridge` gets poses from. The sections of its outputs follow."""
+
+    connect: Annotated[
+        str, Meta(description="endpoint of the daemon, if the keys do not say it")
+    ] = ENDPOINT
+    keys: Annotated[
+        str, Meta(description="clients/NAME.toml of `imud keys`; empty: none")
+    ] = ""
+
+
+PoseRate = Annotated[
+    float,
+    Meta(ge=0, le=1000, description="most poses of a probe per second; 0: all"),
+]
+RelativeHeading = Annotated[
+    bool,
+    Meta(
+        description="also send orientations whose heading has no stated error: it is "
+        "relative, and may drift"
+    ),
+]
+
+
+class OscSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """OSC over UDP, for TouchDesigner, Max and others."""
+
+    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
+    to: Annotated[str, Meta(description="HOST:PORT of the receiver")] = OSC
+    rate_hz: PoseRate = 0.0
+    angles: Annotated[
+        Literal["aerospace", "nautical", "nectec"], Meta(description="of yaw and roll")
+    ] = "nautical"
+    relative_heading: RelativeHeading = False
+
+
+class VmcSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The protocol of Virtual Motion Capture: bodies as bones, probes as trackers."""
+
+    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
+    to: Annotated[str, Meta(description="HOST:PORT of the receiver")] = VMC
+    rate_hz: PoseRate = 60.0
+    relative_heading: RelativeHeading = False
+
+
+class LslSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Streams of the Lab Streaming Layer, one a probe, and their markers."""
+
+    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
+    scope: Annotated[
+        Literal["machine", "network"],
+        Meta(description="who can find the streams; LSL has no users"),
+    ] = "machine"
+    relative_heading: RelativeHeading = False
+
+
+class MqttSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An MQTT broker, with discovery by Home Assistant."""
+
+    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
+    to: Annotated[str, Meta(description="HOST:PORT of the broker")] = MQTT
+    tls: Annotated[bool, Meta(description="encrypt; port 8883 at most brokers")] = False
+    ca_file: Annotated[
+        str, Meta(description="certificates to trust; empty: the system's")
+    ] = ""
+    user: Annotated[str, Meta(description="empty: none")] = ""
+    password_file: Annotated[str, Meta(description="its first line is used")] = ""
+    topic: Annotated[str, Meta(description="first part of the topics")] = PREFIX
+    discovery: Annotated[
+        str, Meta(description="Home Assistant's discovery prefix; empty: off")
+    ] = "homeassistant"
+    rate_hz: Annotated[
+        float,
+        Meta(gt=0, le=100, description="most messages of a probe per second"),
+    ] = 1.0
+    digits: Annotated[
+        int,
+        Meta(ge=0, le=6, description="decimals of degrees: fewer, fewer messages"),
+    ] = 1
+
+
+class MavlinkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """MAVLink 2 over UDP: HEARTBEAT and ATTITUDE_QUATERNION_COV."""
+
+    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
+    to: Annotated[str, Meta(description="HOST:PORT of the receiver")] = MAVLINK
+    rate_hz: PoseRate = 50.0
+    system: Annotated[int, Meta(ge=1, le=170, description="id of the system")] = 1
+    relative_heading: RelativeHeading = False
+
+
 class MetricsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Metrics for Prometheus."""
 
@@ -376,6 +471,12 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     web: WebSettings = WebSettings()
     foxglove: FoxgloveSettings = FoxgloveSettings()
     openigtlink: OpenIgtLinkSettings = OpenIgtLinkSettings()
+    bridge: BridgeSettings = BridgeSettings()
+    osc: OscSettings = OscSettings()
+    vmc: VmcSettings = VmcSettings()
+    lsl: LslSettings = LslSettings()
+    mqtt: MqttSettings = MqttSettings()
+    mavlink: MavlinkSettings = MavlinkSettings()
     metrics: MetricsSettings = MetricsSettings()
     journal: JournalSettings = JournalSettings()
     probes: Annotated[

@@ -57,7 +57,31 @@ DeviceAllow=char-ttyAMA rw
 DeviceAllow=char-ttyS rw
 DeviceAllow=char-rfcomm rw
 DeviceAllow=char-pts rw
+{confined}"""
 
+# Beside the daemon: it opens no device, and may end without it.
+BRIDGE_UNIT = """\
+# Poses of imu-probes for OSC, VMC, LSL, MQTT and MAVLink: what /etc/imud.toml enables.
+[Unit]
+Description=imud bridge, beside the daemon of imu-probes
+After=network.target imu-probe.service
+StartLimitIntervalSec=0
+
+[Service]
+Type=exec
+ExecStart={program} bridge all --config /etc/imud.toml
+# Also while there is no daemon yet.
+Restart=on-failure
+RestartSec=5
+RestartPreventExitStatus=2 78
+TimeoutStopSec=5
+
+User={user}
+Group={user}
+DevicePolicy=closed
+{confined}"""
+
+CONFINED = """
 # It can write only its own folder.
 ProtectSystem=strict
 ProtectHome={home}
@@ -106,12 +130,15 @@ to start it now and at every boot:
   systemctl enable --now imu-probe
 then adopt the port of a probe:
   imud ports; imud ports adopt /dev/ttyUSB0
+and, for what imud bridge sends:
+  systemctl enable --now imu-probe-bridge
 """
 
 
 REMOVED = """\
 to stop it now, and to remove its user and its data (logs, params):
-  systemctl disable --now imu-probe; systemctl daemon-reload; udevadm control --reload
+  systemctl disable --now imu-probe imu-probe-bridge
+  systemctl daemon-reload; udevadm control --reload
   userdel imud; rm -r /var/lib/imud
 """
 
@@ -124,11 +151,11 @@ def files(user: str, program: Path) -> dict[str, str]:
     """The files to be written, by path."""
     home = "read-only" if _is_below(program, HOMES) else "yes"
     private_tmp = "no" if _is_below(program, TEMPORARY) else "yes"
-    unit = UNIT.format(
-        program=_quoted(program), user=user, home=home, private_tmp=private_tmp
-    )
+    confined = CONFINED.format(home=home, private_tmp=private_tmp)
+    parts = {"program": _quoted(program), "user": user, "confined": confined}
     return {
-        "etc/systemd/system/imu-probe.service": unit,
+        "etc/systemd/system/imu-probe.service": UNIT.format(**parts),
+        "etc/systemd/system/imu-probe-bridge.service": BRIDGE_UNIT.format(**parts),
         udev.PLACE: udev.rules(),
         "etc/sysusers.d/imu-probe.conf": USERS.format(user=user),
         SETTINGS: as_toml(
