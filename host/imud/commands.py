@@ -117,12 +117,14 @@ def _say_mark(probe: str, _: Mapping[str, str], value: Any) -> str:
 
 def _say_name(probe: str, given: Mapping[str, str], value: Any) -> str:
     said = f"{probe} is now called {given['rename']}"
-    if value["is_kept"]:
-        return said
-    return (
-        f"{said}\nuntil the daemon restarts or reloads its configuration, which has "
-        "another name for it"
-    )
+    if not value["is_kept"]:
+        said += (
+            "\nuntil the daemon restarts or reloads its configuration, which has "
+            "another name for it"
+        )
+    if value["why"]:
+        said += f"\nother hosts don't know that name: {value['why']}"
+    return said
 
 
 _SWITCH = {"0": 0, "1": 1}
@@ -344,8 +346,8 @@ _ROWS = (
         by_daemon=True,
         example="imud name 00112233445566aa stylus",
         typed_help="give a probe a name",
-        details="The daemon keeps the name, on any port. Subscribers find the probe "
-        "under its new name: imud/stylus/pose.",
+        details="The daemon keeps the name, on any port, and so does the probe, for "
+        "other hosts. Subscribers find it under its new name: imud/stylus/pose.",
         says=_say_name,
         is_told=True,
     ),

@@ -13,6 +13,7 @@ enum params_record {
     PARAMS_MAG = 3,
     PARAMS_TIP = 4,
     PARAMS_OPTIONS = 5,
+    PARAMS_NAME = 6,
 };
 
 // Bytes of the parts.
@@ -22,6 +23,7 @@ enum {
     PARAMS_MAG_SIZE = 49,
     PARAMS_TIP_SIZE = 23,
     PARAMS_OPTIONS_SIZE = 2,
+    PARAMS_NAME_SIZE = 24,
 };
 
 // Numbers that say "not known", in every value of a part.
@@ -95,6 +97,10 @@ struct record_tip {
 struct record_options {
     uint8_t button_does;  // enum button_does
     uint8_t reference;    // enum reference
+};
+
+struct record_name {
+    uint8_t text[24];
 };
 
 #endif

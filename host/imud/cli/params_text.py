@@ -77,6 +77,8 @@ def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
     options = params.options
     words = f"the button: {options.button_does}; at the start, origin: "
     yield from _titled("options", [words + str(options.reference)])
+    if params.name:
+        yield from _titled("name", [params.name])
     if params.unknown:
         tags = ", ".join(f"{tag} ({len(b)} bytes)" for tag, b in params.unknown.items())
         yield from _titled("unknown", [f"records of other firmware, kept: {tags}"])
@@ -289,7 +291,7 @@ def _cells(params: Params) -> Iterator[tuple[str, str]]:
             if part.is_matrix:
                 for row in range(3):
                     yield f"{what} {row + 1}", " ".join(texts[3 * row : 3 * row + 3])
-            elif part.is_day or part.words:
+            elif part.is_day or part.words or part.is_text:
                 yield what, str(part.plain(numbers))
             else:
                 yield what, " ".join(texts)

@@ -240,23 +240,33 @@ class CommandRunner:
         made = mark(entry, request.parameters, host_ns(), marks)
         return self._intake.mark(entry, made)
 
-    async def _configure(self, request: Request) -> dict[str, bool]:
+    async def _configure(self, request: Request) -> dict[str, bool | str]:
         entry = self._entry(request)
         button = request.parameters.get("button")
         kept = await self._configure_probe(entry.probe.probe_id, request.parameters)
         if button is not None:
             await self._set_button(entry, "tell" if button else "stream")
-        return {"is_kept": kept}
+        why = ""
+        if name := request.parameters.get("rename"):
+            try:
+                await self._replace(entry, "name", {"text": name})
+            except ImudError as error:
+                why = str(error)
+        return {"is_kept": kept, "why": why}
 
     async def _set_button(self, entry: ProbeEntry, does: str) -> None:
+        await self._replace(entry, "options", {"button_does": does})
+
+    async def _replace(
+        self, entry: ProbeEntry, record: str, values: Mapping[str, str]
+    ) -> None:
+        """Changes these values of a record of a probe's params; ImudError."""
         if entry.probe.params is None:
             raise CommandRefused(f"the params of {entry.name} are not known yet; retry")
         params = Params.decode(entry.probe.params)
-        options = msgspec.structs.asdict(params.options)
-        if options["button_does"] != does:
-            records = params.replaced("options", options | {"button_does": does})
-            words = {"records": records.encode().hex()}
-            await self._params.command(entry.name, words)
+        before = params.plain(record) or {}
+        records = params.replaced(record, {**before, **values})
+        await self._params.command(entry.name, {"records": records.encode().hex()})
 
     async def _lend(self, request: Request) -> str:
         """The name of the port."""

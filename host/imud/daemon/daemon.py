@@ -15,6 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from imud.config.settings import Config, listens_on
 from imud.daemon import names
 from imud.daemon.command_runner import CommandRunner, Request
@@ -36,6 +38,7 @@ from imud.log.marks import marks_in
 from imud.machine import system
 from imud.net.network import Keys, read_keys
 from imud.net.queries import Answer
+from imud.params.value import Params
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
 from imud.serving import faults
@@ -92,7 +95,8 @@ class Daemon:
             *(self._commander, self._intake, self._history, self._configure),
             lambda port, seconds: self._finder.lend(port, seconds),
         )
-        self._intake.params.keep = self._history.keep
+        self._intake.params.keep = self._keep_params
+        self._told: dict[str, str] = {}  # names by ids, of the probes' params
         self._intake.on_reply = self._commander.handle_reply
         self._intake.on_found = self._begin_set_up
         self._intake.on_gesture = self._begin_gesture
@@ -212,7 +216,9 @@ class Daemon:
             self._notifier.reloading()
             try:
                 self._of_file = await self._in_thread(self._load)
-                config = await self._in_thread(names.with_names, self._of_file)
+                config = await self._in_thread(
+                    names.with_names, self._of_file, self._told
+                )
                 keys = await self._in_thread(read_keys, config)
             except ImudError as error:
                 logger.warning(
@@ -337,6 +343,24 @@ class Daemon:
                     await self._in_thread(names.keep, before, probe_id, text, file)
             await self._apply(before, after, self._outputs.keys)
             return is_kept
+
+    def _keep_params(self, probe_id: str, params: Params, t_ns: int) -> None:
+        self._history.keep(probe_id, params, t_ns)
+        if params.name != self._told.get(probe_id, ""):
+            self._told[probe_id] = params.name
+            self._start(self._take_name(probe_id, params.name))
+
+    async def _take_name(self, probe_id: str, name: str) -> None:
+        """Calls a probe what it says, unless a user of this host has named it."""
+        async with self._changing:
+            given = await self._in_thread(names.with_names, self._of_file)
+            before = self._config
+            settings = before.settings_of(probe_id)
+            if given.settings_of(probe_id).name or settings.name == name:
+                return
+            after = before.with_probe(probe_id, replace(settings, name=""))
+            after = names.with_texts(after, {probe_id: name}, names.PARAMS)
+            await self._apply(before, after, self._outputs.keys)
 
     def _begin_gesture(self, entry: ProbeEntry, action: str) -> None:
         if action not in ("none", "stroke"):  # the filter makes strokes

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -19,6 +20,8 @@ from imud.errors import FileError
 from imud.ports.adopted import file_of
 
 FILE, BUTTONS = "names.json", "buttons.json"
+PARAMS = "params"  # in the place of a file
+NONE: Mapping[str, str] = {}
 LIMBS = "limbs"  # a folder of the page's
 
 logger = logging.getLogger("imud")
@@ -34,20 +37,23 @@ def known(path: Path) -> dict[str, str]:
     return json_file.read(path, dict[str, str], cure, missing={})
 
 
-def with_names(config: Config) -> Config:
-    """The configuration with the names that were given, and the uses of buttons. What
-    can't be read or can't be a name is told and left out: no probe is less useful for
-    it.
+def with_names(config: Config, told: Mapping[str, str] = NONE) -> Config:
+    """The configuration with the names that were given, and the uses of buttons; then
+    with the names that probes have `told` of themselves. What can't be read or can't be
+    a name is told and left out: no probe is less useful for it.
     """
-    return _with(_with(config, FILE), BUTTONS)
+    for file in (FILE, BUTTONS):
+        try:
+            chosen = known(path_of(config, file))
+        except FileError as error:
+            logger.warning("%s", error)
+        else:
+            config = with_texts(config, chosen, file)
+    return with_texts(config, told, PARAMS)
 
 
-def _with(config: Config, file: str) -> Config:
-    try:
-        chosen = known(path_of(config, file))
-    except FileError as error:
-        logger.warning("%s", error)
-        return config
+def with_texts(config: Config, chosen: Mapping[str, str], file: str) -> Config:
+    """With texts by id of that file, where the configuration has none."""
     for probe_id, text in chosen.items():
         settings = config.settings_of(probe_id)
         if settings.button if file == BUTTONS else settings.name:

@@ -34,6 +34,7 @@ ABOUT = {
     "mag": "Magnetometer: field = matrix * (counts - bias) * the value of a count",
     "tip": "Tip: its offset from the sensor and the probe's axis, in the body frame",
     "options": "How the probe behaves",
+    "name": "What the probe is called",
     "unknown": "Records of other firmware by their tags, kept as they are",
 }
 # Beside its own keys a table may have these, where a record is of other firmware.
@@ -76,6 +77,9 @@ def _table(kind: Kind, body: bytes) -> Iterator[str]:
     yield f"# {ABOUT[kind.name]}."
     yield f"[{kind.name}]"
     wire, tail = kind.split(body)
+    texts = [(part, wire[part.name]) for part in kind.parts if part.is_text and wire]
+    if any(part.is_torn(text) for part, text in texts):
+        wire, tail = {}, body
     for part in kind.parts[: len(wire)]:
         if wire[part.name] != part.null:
             yield from _key(part, wire[part.name])
@@ -94,6 +98,14 @@ def _key(part: Part, wire: tuple[int, ...]) -> Iterator[str]:
             cells = ", ".join(text.rjust(width) for text in decimals[row : row + 3])
             yield f"    [{cells}],"
         yield "]"
+    elif part.is_text:
+        text = "".join(
+            c
+            if c.isascii() and c.isprintable() and c not in '"\\'
+            else f"\\U{ord(c):08x}"
+            for c in str(part.plain(wire))
+        )
+        yield f'{part.key} = "{text}"'
     elif part.is_day or part.words:
         plain = part.plain(wire)
         yield f"{part.key} = {json.dumps(plain) if part.words else plain}"

@@ -53,6 +53,7 @@ class Part:
         self.unit = field.unit
         self.is_day = field.unit == "days"
         self.is_matrix = field.count == 9
+        self.is_text = field.type == "u8" and field.count > 1  # UTF-8
         self.count = field.count
         self.null = (field.null,) * field.count if field.null is not None else None
         self.words = (
@@ -78,6 +79,8 @@ class Part:
         """The value of numbers on the wire; None: not known."""
         if wire == self.null:
             return None
+        if self.is_text:
+            return bytes(wire).rstrip(b"\0").decode("utf-8", "replace")
         if self.is_day:
             return DAY_0 + datetime.timedelta(days=wire[0])
         if self.words or self.is_whole:
@@ -106,6 +109,8 @@ class Part:
             if self.null is None:
                 raise ValueError("is missing")
             return self.null
+        if self.is_text:
+            return self._letters(plain)
         if self.is_day:
             return self._checked((self._days(plain),))
         if self.words:
@@ -138,6 +143,19 @@ class Part:
             except OverflowError:
                 return "that day"
         return self._decimal(number)
+
+    def is_torn(self, wire: Wire) -> bool:
+        """Whether these bytes are no whole text."""
+        text = bytes(wire).rstrip(b"\0").decode("utf-8", "replace")
+        return text.encode().ljust(self.size, b"\0") != bytes(wire)
+
+    def _letters(self, plain: object) -> Wire:
+        if not isinstance(plain, str) or plain.endswith("\0"):
+            raise ValueError("is not a text")
+        data = plain.encode("utf-8", "replace")
+        if len(data) > self.size:
+            raise ValueError(f"takes {len(data)} bytes, more than {self.size}")
+        return tuple(data.ljust(self.size, b"\0"))
 
     def _days(self, plain: object) -> int:
         if isinstance(plain, datetime.datetime) or not isinstance(plain, datetime.date):

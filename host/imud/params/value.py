@@ -215,6 +215,11 @@ class Params(msgspec.Struct, frozen=True):
         plain: dict[str, Any] = self.plain("options") or {}
         return Options(**plain)
 
+    @property
+    def name(self) -> str:
+        """What the probe is called; empty: it does not say."""
+        return str((self.plain("name") or {}).get("text", ""))
+
     def faults(self) -> list[str]:
         """Why a probe refuses them, or should: a line each. Empty: it accepts them."""
         return list(self._faults())

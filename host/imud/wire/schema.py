@@ -548,4 +548,9 @@ RECORDS = (
             Field("reference", 0, "u8", enum=Reference),
         ),
     ),
+    RecordType(
+        "name",
+        6,
+        (Field("text", 0, "u8", 24),),
+    ),
 )

@@ -15,6 +15,8 @@ from imud.client import Client
 from imud.config import reader
 from imud.daemon import names
 from imud.errors import FileError
+from imud.params.value import Params
+from streaming import Streaming, until
 
 PROBE_ID = "00112233445566aa"
 
@@ -33,7 +35,8 @@ def test_a_name_is_kept_over_a_restart(
 ) -> None:
     with running(tmp_path, "") as (daemon, _, _):
         assert given(daemon, name_of(daemon), "stylus") == 0
-        assert capsys.readouterr().out == f"{PROBE_ID} is now called stylus\n"
+        out = capsys.readouterr().out
+        assert out.startswith(f"{PROBE_ID} is now called stylus\nother hosts don't")
         assert name_of(daemon) == "stylus"
         assert given(daemon, "stylus", "a/b") == 1
         assert "can't be part of a key" in capsys.readouterr().err
@@ -110,6 +113,40 @@ def test_what_is_kept_is_read_again(tmp_path: Path) -> None:
     found = names.with_names(config)
     assert found.name_of(PROBE_ID) == "pen"
     assert found.name_of("ffffffffffffffff") == "arm"
+    assert names.with_names(config, {PROBE_ID: "tip"}).name_of(PROBE_ID) == "pen"
     names.path_of(config).write_text("{")
     with pytest.raises(FileError, match="remove it"):
         names.keep(config, PROBE_ID, "other")
+
+
+def until_called(daemon: DaemonProcess, name: str) -> None:
+    with Client(daemon.endpoint) as client:
+        until(lambda: [each["probe"] for each in client.statuses()] == [name])
+
+
+def test_a_name_goes_with_the_probe_to_other_hosts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    records = b""
+    other = '[probes.ffffffffffffffff]\nname = "stylus"\n'
+    hosts = {"first": "", "second": "", "third": other}
+    calls = {"second": "stylus", "third": PROBE_ID}
+    for folder, text in hosts.items():
+        (tmp_path / folder).mkdir()
+        with running(tmp_path / folder, text) as (daemon, probe, port):
+            probe.params.records = records
+            with Streaming(port, probe, say=lambda p=port, a=probe: p.answers(a)):
+                if folder == "first":
+                    with Client(daemon.endpoint) as client:
+                        until(lambda c=client: c.statuses()[0]["params"]["is_known"])
+                    assert given(daemon, PROBE_ID, "é" * 13) == 0
+                    assert "more than 24" in capsys.readouterr().out
+                    assert given(daemon, "é" * 13, "stylus") == 0
+                    assert capsys.readouterr().out.endswith("called stylus\n")
+                    records = probe.params.records
+                    assert Params.decode(records).name == "stylus"
+                else:
+                    port.write(probe.say("hello"))
+                    until_called(daemon, calls[folder])
+                if folder == "third":
+                    daemon.expect("params: .* also the name of another probe")

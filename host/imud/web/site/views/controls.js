@@ -184,8 +184,13 @@ export class Controls {
   }
 
   /** The page follows the probe once it is heard by its new name. */
-  _rename() {
-    run(this._model, "Rename", [["configure", { rename: this._name.value.trim() }]]);
+  async _rename() {
+    const { link, selected } = this._model;
+    await attempt(async () => {
+      const { value } = await link.ask(selected, "configure", { rename: this._name.value.trim() });
+      const isAlone = Boolean(value?.why);
+      tell(isAlone ? `Renamed, but other hosts don't know that name: ${value.why}` : "Rename: done", isAlone);
+    }, "Rename");
   }
 
   _setLog() {
