@@ -352,6 +352,24 @@ _ROWS = (
         is_told=True,
     ),
     ProbeCommand(
+        "magnetometer",
+        "use a probe's magnetometer, or not",
+        (
+            Argument(
+                "use",
+                "choice",
+                {"off": 0, "on": 1},
+                options=(Option("USE", "on or off", is_needed=True),),
+            ),
+        ),
+        needs="use=on or off",
+        by_daemon=True,
+        example="imud magnetometer stylus off",
+        details="Without it a probe has no heading, only its change. Poses have the "
+        "flag mag_off. Its calibration is kept. The filter restarts: lay it still.",
+        is_told=True,
+    ),
+    ProbeCommand(
         "lend",
         "close a probe's port for that many seconds, for another program on this "
         "machine",

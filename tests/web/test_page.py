@@ -15,6 +15,7 @@ from playwright.sync_api import Page
 
 from imud import rotation
 from imud.client import Client
+from imud.wire.params import is_mag_off
 from streaming import until
 from web import baranek
 from web.desk import Desk, Seen
@@ -69,6 +70,19 @@ def test_buttons_command_the_probe_and_show_the_result(shown: Seen, desk: Desk) 
     buttons("button", name="Stop", exact=True).click()
     shown.page.get_by_text("refused stop").wait_for()
     desk.probe.results.clear()
+
+
+def test_the_magnetometer_is_switched_off_and_on(shown: Seen, desk: Desk) -> None:
+    page = shown.page
+    page.get_by_text("Name, log, sound").click()
+    for now, then in (("off", "on"), ("on", "off")):
+        page.get_by_role("button", name=f"Switch the magnetometer {now}").click()
+        page.get_by_text(f"Magnetometer {now}: done").wait_for()
+        assert is_mag_off(desk.probe.params.records) == (now == "off")
+        page.get_by_role("button", name=f"Switch the magnetometer {then}").wait_for()
+        flag = page.get_by_text("magnetometer switched off")
+        flag.wait_for(state="visible" if now == "off" else "hidden")
+    page.get_by_text("Name, log, sound").click()
 
 
 def test_a_pose_without_news_turns_grey_with_its_age_within_half_a_second(

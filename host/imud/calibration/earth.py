@@ -11,6 +11,7 @@ import msgspec
 
 from imud.errors import ParamsError
 from imud.params.value import Params
+from imud.wire.params import is_mag_off
 
 COEFFICIENTS = "wmm/WMM_2025.COF"  # good until the end of 2029; later it drifts slowly
 
@@ -73,6 +74,8 @@ def with_field(records: bytes, earth: Earth) -> bytes:
     here = {"norm_uT": earth.norm_uT, "dip_deg": earth.dip_deg}
     try:
         params = Params.decode(records)
+        if is_mag_off(records):
+            return records
         mag: dict[str, Any] | None = params.plain("mag")
         mag = mag or {"bias_counts": (0.0,) * 3, "matrix": NOMINAL}
         norm, dip = mag.get("norm_uT") or 0.0, mag.get("dip_deg") or 0.0

@@ -103,7 +103,7 @@ class LiveSamples:
         self.subject = CalibratedProbe(
             self._id,
             scale_of(self._hello, self._hello["sample_rate"]),
-            missing_magnetometer(self._hello),
+            missing_magnetometer(self._hello, bytes.fromhex(reply["bytes"])),
             Params.decode(bytes.fromhex(reply["bytes"])),
             msgspec.convert(status.get("place"), Earth | None),
         )
@@ -275,6 +275,6 @@ def _subject(path: Path, name: str, best: _Heard, tally: Any) -> CalibratedProbe
     return CalibratedProbe(
         str(hello["probe_id"]),
         scale_of(hello, rate_hz),
-        missing_magnetometer(hello),
+        missing_magnetometer(hello, records),
         Params.decode(records or b""),
     )

@@ -19,7 +19,7 @@ from imud.params.condition import TITLES
 from imud.params.file import ParamsFile
 from imud.params.parts import NAMES, kind_of
 from imud.params.value import SENSORS, Calibration, Params
-from imud.wire.params import calibrated_by
+from imud.wire.params import calibrated_by, is_mag_off
 
 # Units of a sensor's sigma and residual. A gyroscope's sigma is a share of the rate.
 UNITS = {"acc": ("m/s2", "m/s2"), "gyr": ("%", "rad"), "mag": ("uT", "uT")}
@@ -67,6 +67,8 @@ def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
             made, *lines = _calibration_lines(name, calibration)
             is_made = name in calibrated_by(params.encode())
             made = made if is_made else "not calibrated, but told its place"
+            if name == "mag" and is_mag_off(params.encode()):
+                made, lines = "switched off", []
             yield from _titled(TITLES[name], [made, *lines])
     if own_field is not None:
         field = " ".join(f"{value:.2f}" for value in own_field["field_uT"])

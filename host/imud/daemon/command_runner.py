@@ -21,6 +21,7 @@ from imud.net.queries import Answer
 from imud.params.value import Params
 from imud.probes.aim import Aim, Target
 from imud.probes.mark import MarkBook, mark_of
+from imud.probes.sensors import missing_magnetometer
 from imud.probes.timeline import host_ns
 
 MARK = COMMANDS["mark"]
@@ -125,6 +126,12 @@ def capture(entry: ProbeEntry) -> dict[str, Any]:
     return {key: entry.pose[key] for key in keys} | {"capture": name}
 
 
+def _params_of(entry: ProbeEntry) -> Params:
+    if entry.probe.params is None:
+        raise CommandRefused(f"the params of {entry.name} are not known yet; retry")
+    return Params.decode(entry.probe.params)
+
+
 Parameters = Mapping[str, str]
 
 
@@ -168,6 +175,7 @@ class CommandRunner:
             "mark": self._mark,
             "close": self._close_path,
             "configure": self._configure,
+            "magnetometer": self._use_magnetometer,
             "lend": self._lend,
         }
 
@@ -261,12 +269,19 @@ class CommandRunner:
         self, entry: ProbeEntry, record: str, values: Mapping[str, str]
     ) -> None:
         """Changes these values of a record of a probe's params; ImudError."""
-        if entry.probe.params is None:
-            raise CommandRefused(f"the params of {entry.name} are not known yet; retry")
-        params = Params.decode(entry.probe.params)
+        params = _params_of(entry)
         before = params.plain(record) or {}
         records = params.replaced(record, {**before, **values})
         await self._params.command(entry.name, {"records": records.encode().hex()})
+
+    async def _use_magnetometer(self, request: Request) -> None:
+        arguments_of(request.command, request.parameters)
+        entry, is_on = self._entry(request), request.parameters["use"] == "on"
+        if is_on is False and (why := missing_magnetometer(entry.probe.hello)):
+            raise CommandRefused(f"probe {entry.name}: {why}")
+        params = _params_of(entry).with_magnetometer(is_on=is_on)
+        words = {"records": params.encode().hex()}
+        await self._params.command(entry.name, words)
 
     async def _lend(self, request: Request) -> str:
         """The name of the port."""

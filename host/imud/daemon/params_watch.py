@@ -24,7 +24,7 @@ from imud.params.condition import (
 )
 from imud.params.value import SENSORS, Params, payload_of
 from imud.probes.sensors import has_magnetometer
-from imud.wire.params import calibrated_by, parts_of
+from imud.wire.params import calibrated_by, is_mag_off, parts_of
 
 PARAMS = "params"  # the topic
 
@@ -92,7 +92,7 @@ class ParamsWatch:
             is_ready = entry.is_alive and not entry.commanding.locked()
             if records is None or not is_ready:
                 continue
-            if not has_magnetometer(entry.probe.hello):
+            if not has_magnetometer(entry.probe.hello, records):
                 continue
             before = self._placed.get(entry)
             self._placed[entry] = records, earth
@@ -128,7 +128,7 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     described = params.described()
     conditions = conditions_of(entry, params)
     cared_for = conditions if is_working(entry) else {}
-    if cared_for and not has_magnetometer(entry.probe.hello):
+    if cared_for and not has_magnetometer(entry.probe.hello, records):
         cared_for = {name: of for name, of in conditions.items() if name != "mag"}
     for name in SENSORS:
         summed[name] = {"is_calibrated": name in calibrated_by(records)}
@@ -139,7 +139,9 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     moved = ""
     if cared_for.get("acc") is Condition.OTHER_TEMPERATURE:
         moved = moved_words(params.plain("acc"), entry.temperature_c)
-    summed |= {"advice": advice(cared_for, moved), "flags": flags_of(cared_for)}
+    off = ("mag_off",) if is_mag_off(records) else ()
+    flags = (*flags_of(cared_for), *off)
+    summed |= {"advice": advice(cared_for, moved), "flags": flags}
     for name in (*SENSORS, "tip"):
         values = described[name] or {}
         kept = {

@@ -14,13 +14,16 @@ import msgspec
 
 from imud.errors import ParamsError
 from imud.params.parts import KINDS, NAMES, Kind, Plain, Wire, kind_of
-from imud.wire.params import digest_of
+from imud.wire.params import digest_of, is_mag_off
 
 # As firmware/core/params and core/fusion/calibrate.h have them.
 ROOM = 248  # bytes of all records: PARAMS_ROOM
 ROW_MAX = 27852  # 1.7, the sum of magnitudes of a matrix's row
 BIAS_MAX = 16384 * 16384  # counts
 SENSORS = ("acc", "gyr", "mag")
+# A record that probes only store: the calibration of a magnetometer that is not used.
+# The record of that one ends behind its matrix.
+MAG, MAG_KEPT, MAG_VALUES = kind_of("mag").tag, 7, 30
 OFFSET_MAX_M = 2.0  # of a tip from its sensor
 UNIT_TOLERANCE = 1e-3  # of the length of an axis
 
@@ -219,6 +222,19 @@ class Params(msgspec.Struct, frozen=True):
     def name(self) -> str:
         """What the probe is called; empty: it does not say."""
         return str((self.plain("name") or {}).get("text", ""))
+
+    def with_magnetometer(self, *, is_on: bool) -> Params:
+        """With the magnetometer in use, or not; its calibration is kept meanwhile."""
+        if is_on != is_mag_off(self.encode()):
+            return self
+        kept = next((r.body for r in self.records if r.tag == MAG_KEPT), None)
+        mag = self._of("mag")
+        others = Params(tuple(r for r in self.records if r.tag not in (MAG, MAG_KEPT)))
+        if is_on:
+            return others if kept is None else others.having(ParamsRecord(MAG, kept))
+        if mag is not None:
+            others = others.having(ParamsRecord(MAG_KEPT, mag.body))
+        return others.having(ParamsRecord(MAG, bytes(MAG_VALUES)))
 
     def faults(self) -> list[str]:
         """Why a probe refuses them, or should: a line each. Empty: it accepts them."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 
 from imud import _core
-from imud.wire.params import digest_of
+from imud.wire.params import digest_of, is_mag_off
 
 Vector = tuple[float, float, float]
 
@@ -17,13 +17,14 @@ Measured = tuple[Vector | None, Vector | None, Vector | None]
 class Scales:
     """Calibrates raw messages as the probe itself does, with its own C."""
 
-    __slots__ = ("_calibrator", "digest", "hello", "params")
+    __slots__ = ("_calibrator", "_has_mag", "digest", "hello", "params")
 
     def __init__(self, hello: bytes = b"", params: bytes | None = None) -> None:
         self.hello = hello  # content; empty: not known
         self.params = params  # records in force; None: not known
         # Digest of the params that measure() applies. None: there are none.
         self.digest: int | None = None
+        self._has_mag = not is_mag_off(params)
         self._calibrator: _core.Calibrator | None = None
         if hello and params is not None:
             # Refused: a hello without a sensor, or records of a later firmware.
@@ -33,8 +34,10 @@ class Scales:
 
     def measure(self, raw: bytes) -> Measured:
         """The content of a raw message in SI units."""
-        calibrator = self._calibrator
-        return (None, None, None) if calibrator is None else calibrator.apply(raw)
+        if self._calibrator is None:
+            return None, None, None
+        acc, gyr, mag = self._calibrator.apply(raw)
+        return acc, gyr, mag if self._has_mag else None
 
     @property
     def gyr_delay_s(self) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 
 from imud.probes.chip import DIES
 from imud.probes.self_test import SelfTestOutcome, SensorVerdict
+from imud.wire.params import is_mag_off
 
 Hello = Mapping[str, Any]  # fields of a hello, or that object of a status
 
@@ -55,8 +56,12 @@ def sensor_words(hello: Hello) -> str:
     return f"{name}, answers {identity_words(identity)}"
 
 
-def missing_magnetometer(hello: Hello) -> str:
-    """Why there is no magnetometer; empty if there is one."""
+def missing_magnetometer(hello: Hello, params: bytes | None = None) -> str:
+    """Why there is no magnetometer; empty if there is one. `params`: its records, by
+    which it may be switched off.
+    """
+    if is_mag_off(params):
+        return "the magnetometer is switched off: no heading"
     sensor, (identity, magnetic) = hello["sensor"], hello["who_am_i"]
     if sensor == "none":
         return "no sensor was found"
@@ -86,8 +91,8 @@ def missing_magnetometer(hello: Hello) -> str:
     )
 
 
-def has_magnetometer(hello: Hello) -> bool:
-    return not missing_magnetometer(hello)
+def has_magnetometer(hello: Hello, params: bytes | None = None) -> bool:
+    return not missing_magnetometer(hello, params)
 
 
 def out_of_work(status: Mapping[str, Any]) -> str:

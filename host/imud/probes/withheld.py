@@ -17,6 +17,7 @@ OF_TILT = OF_BOTH | {
     "starting": "it is still levelling; wait a few seconds",
 }
 OF_HEADING = OF_BOTH | {
+    "mag_off": "the magnetometer is switched off: imud magnetometer PROBE on",
     "mag_absent": "no magnetometer, or one with a constant reading",
     "field_impossible": "the magnetic field can't be the Earth's: remove the magnet, "
     "or move away from steel",

@@ -19,6 +19,7 @@ from imud.probes.sensors import has_magnetometer
 from imud.probes.session import ProbeFound, Received
 from imud.stages import LogLine, Publish, SendCommands, StageResult
 from imud.wire.messages import Value
+from imud.wire.params import is_mag_off
 
 REPORT_BELOW = 0.7  # of the error that was reported last
 
@@ -103,7 +104,8 @@ class LearnStage:
             return
         sample = _sample(received.message.fields, received.stamp.t_device_us)
         is_due, params = learner.add(sample), received.params
-        if is_due and self._fit is None and params is not None:
+        is_free = self._fit is None and params is not None and not is_mag_off(params)
+        if is_due and is_free and params is not None:
             executor = self._executor or worker()
             self._fit = executor.submit(learned_of, learner.begin(params))
 

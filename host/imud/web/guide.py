@@ -145,7 +145,7 @@ class CalibrationGuide:
             raise NotCalibrated("the tip can only be found with calibrated sensors")
         if self._kind == "verify" and not any(known):
             raise NotCalibrated("there is no calibration to check")
-        missing_mag = missing_magnetometer(hello)
+        missing_mag = missing_magnetometer(hello, bytes.fromhex(params["bytes"]))
         if missing_mag and self._kind == "mag":
             raise GuideError(missing_mag)
         digest, has_mag = params.get("digest") or "", not missing_mag

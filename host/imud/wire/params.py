@@ -14,6 +14,7 @@ from imud.wire.messages import Message
 HEAD = 2  # bytes of a record before its content: tag, length
 SENSORS = ("acc", "gyr", "mag")  # records that calibrate
 FIELD_ONLY = (None, (0, 0, 0), (1, 0, 0, 0, 1, 0, 0, 0, 1))  # sigma, bias, matrix
+MAG_OFF = (0,) * 9  # the magnetometer's matrix while it is not used
 PART = 28  # bytes that a message of the probe tells
 WORD = 4  # bytes that a command writes
 SETS_MAX = 4  # unfinished sets whose parts are kept, the newest
@@ -82,8 +83,18 @@ def calibrated_by(records: bytes) -> list[str]:
     return [
         name
         for name, of in parts_of(records).items()
-        if name in SENSORS and (of["sigma"], of["bias"], of["matrix"]) != FIELD_ONLY
+        if name in SENSORS
+        and (of["sigma"], of["bias"], of["matrix"]) != FIELD_ONLY
+        and of["matrix"] != MAG_OFF
     ]
+
+
+def is_mag_off(records: bytes | None) -> bool:
+    """Whether the magnetometer is not used: its matrix makes no field of any counts,
+    and a filter leaves out a field of zeros.
+    """
+    mag = parts_of(records or b"").get("mag") or {}
+    return mag.get("matrix") == MAG_OFF
 
 
 class ParamsParts:

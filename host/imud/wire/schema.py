@@ -551,6 +551,8 @@ RECORDS = (
     RecordType(
         "name",
         6,
-        (Field("text", 0, "u8", 24),),
+        (
+            Field("text", 0, "u8", 24),
+        ),
     ),
 )

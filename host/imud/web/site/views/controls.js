@@ -76,6 +76,7 @@ export class Controls {
     );
     this._confirm = this._makeConfirm();
     this._name = make("input", { name: "probe-name", maxlength: 60, required: true });
+    this._mag = make("button", { onclick: () => this._setMagnetometer() });
     this._log = make("button", { onclick: () => this._setLog() }, "Stop its log");
     this._gestures = new ButtonForm(model);
     const more = make(
@@ -93,6 +94,7 @@ export class Controls {
           "div",
           { class: "row" },
           this._button("Restart the filter", "restart", {}),
+          this._mag,
           make(
             "button",
             { class: "danger", onclick: () => this._confirm.showModal() },
@@ -138,6 +140,7 @@ export class Controls {
     const state = probe?.state(performance.now());
     this._start.hidden = state === "streaming" || state === "calibrating";
     this._stop.hidden = !this._start.hidden;
+    say(this._mag, `Switch the magnetometer ${this._isMagOff ? "on" : "off"}`);
     const isLogged = probe?.status?.log?.state !== "off";
     say(this._log, isLogged ? "Stop its log" : "Start its log");
     const hello = probe?.status?.hello;
@@ -191,6 +194,15 @@ export class Controls {
       const isAlone = Boolean(value?.why);
       tell(isAlone ? `Renamed, but other hosts don't know that name: ${value.why}` : "Rename: done", isAlone);
     }, "Rename");
+  }
+
+  get _isMagOff() {
+    return Boolean(this._model.probe?.status?.params?.flags?.includes("mag_off"));
+  }
+
+  _setMagnetometer() {
+    const use = this._isMagOff ? "on" : "off";
+    run(this._model, `Magnetometer ${use}`, [["magnetometer", { use }]]);
   }
 
   _setLog() {

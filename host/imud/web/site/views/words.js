@@ -26,6 +26,7 @@ const FLAGS = {
   at_rest: ["at rest", ""],
   mag_disturbed: ["magnetic disturbance", "warn"],
   mag_absent: ["no magnetometer", "warn"],
+  mag_off: ["magnetometer switched off", "warn"],
   clipped: ["sensor at its limit", "bad"],
   heading_free: ["heading drifts", "warn"],
   gap: ["gap", "bad"],
