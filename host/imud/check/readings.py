@@ -36,6 +36,8 @@ ALL = "all"
 NOISE_FAULT = 6.0  # times the limit
 NOISE_GOOD = 1.5
 
+# Twice the noise of a good chip is no tone. A hand moves slower.
+VIBRATION_MG, VIBRATION_MIN_HZ = 10.0, 2.0
 FLAT_MG = 350.0  # with more aside it does not lie base down
 
 
@@ -128,6 +130,7 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
     rest = rest_of(evidence, samples)
     yield _saturation(samples)
     yield _temperature(samples)
+    yield from _vibration(evidence, samples)
     if evidence.causes_of("sensor_fault")["registers"]:
         yield skipped("rest", "registers as set", "a register was wrong")
         return
@@ -252,6 +255,40 @@ def _saturation(samples: Samples) -> Row:
         )
     measured = f"{count} of {len(samples)} samples"
     return Row("saturation", measured, "0", verdict, advice, {"samples": count})
+
+
+def _vibration(evidence: Evidence, samples: Samples) -> Iterator[Row]:
+    """One tone that stands out of the accelerometer's readings; of others no row."""
+    count, rate_hz = len(samples), 1e6 / samples.period_us
+    acc = samples.acc * (evidence.hello["acc_lsb"] / MG)
+    window = np.hanning(count)
+    lines = np.fft.rfft((acc - acc.mean(axis=0)) * window[:, None], axis=0)
+    power = np.sum(np.abs(lines) ** 2, axis=1)
+    freqs_hz = np.fft.rfftfreq(count, 1.0 / rate_hz)
+    power[freqs_hz < VIBRATION_MIN_HZ] = 0.0  # hands
+    at = int(power.argmax())
+    tone = slice(max(0, at - 2), at + 3)  # a line of this window has five
+    # The window's own power makes a line's rms.
+    rms_mg = math.sqrt(2.0 * float(power[tone].sum()) / count / np.sum(window**2))
+    if rms_mg < VIBRATION_MG or power[tone].sum() < power.sum() / 2.0:
+        return
+    hz = float(freqs_hz[at])
+    others = [n * rate_hz + sign * hz for n in (1, 2) for sign in (-1, 1)]
+    alike = ", ".join(f"{each:.1f}" for each in others)
+    advice = (
+        f"it vibrates at {hz:.1f} Hz, or at {alike} Hz ..., which look the same at "
+        f"{rate_hz:.0f} samples a second: take it off the motor or damp it. Near a "
+        f"multiple of {rate_hz:.0f} Hz a vibration looks like a tilt, and is not seen "
+        "here"
+    )
+    yield Row(
+        "vibration",
+        f"{rms_mg:.0f} mg rms at {hz:.1f} Hz",
+        f"no tone above {VIBRATION_MG:g} mg rms",
+        RowVerdict.LOOK,
+        advice,
+        {"hz": round(hz, 2), "mg_rms": round(rms_mg, 1)},
+    )
 
 
 def _temperature(samples: Samples) -> Row:

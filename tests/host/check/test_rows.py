@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,20 @@ def test_a_reading_at_the_end_of_the_range_is_counted() -> None:
     samples[700]["gyr_counts"] = (-32768, 0, 0)
     row = rows(evidence(samples=samples))["saturation"]
     assert (row.verdict, row.measured) == (LOOK, "1 of 2400 samples")
+
+
+def test_a_tone_is_named_with_those_that_look_the_same() -> None:
+    samples = raws()
+    for number, sample in enumerate(samples):
+        x, y, z = sample["acc_counts"]
+        turn = 2.0 * math.pi * 153.0 * number / 200.0  # seen at 47 Hz
+        sample["acc_counts"] = (x + round(60.0 * math.sin(turn)), y, z)
+    row = rows(evidence(samples=samples))["vibration"]
+    assert row.verdict is LOOK
+    assert row.numbers["hz"] == pytest.approx(47.0, abs=0.1)
+    assert row.numbers["mg_rms"] == pytest.approx(20.7, rel=0.1)  # 60 counts
+    assert "153.0, 247.0" in row.advice
+    assert "vibration" not in rows(evidence(samples=raws()))
 
 
 @pytest.mark.parametrize(
