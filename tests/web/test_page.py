@@ -72,6 +72,12 @@ def test_buttons_command_the_probe_and_show_the_result(shown: Seen, desk: Desk) 
     desk.probe.results.clear()
 
 
+# The buttons that are to be pressed next.
+FILLED = """() => [...document.querySelectorAll("button")].filter((one) =>
+  one.checkVisibility() && getComputedStyle(one).backgroundColor === "rgb(29, 95, 211)")
+  .map((one) => one.innerText)"""
+
+
 def test_the_magnetometer_is_switched_off_and_on(shown: Seen, desk: Desk) -> None:
     page = shown.page
     page.get_by_text("Name, log, sound").click()
@@ -355,3 +361,11 @@ def test_a_lost_daemon_is_said_at_once_and_its_return_heals_the_page(
     shown.until("!globalThis.imud.model.probe.isStale(performance.now())")
     refused = "ERR_CONNECTION_REFUSED"
     shown.complaints[:] = [each for each in shown.complaints if refused not in each]
+
+
+def test_a_view_has_one_button_to_press_next(shown: Seen) -> None:
+    for view in VIEWS:
+        shown.page.evaluate("view => { location.hash = `#/${view}`; }", view)
+        shown.until("view => imud.viewName === view && imud.view !== null", view)
+        shown.page.wait_for_timeout(300)  # its first pictures
+        assert len(shown.page.evaluate(FILLED)) <= 1, view

@@ -23,16 +23,14 @@ function at(heading, radius) {
   return [radius * Math.sin(angle), radius * Math.cos(angle), 0];
 }
 
-// Words on the ring and at the arrows x, y, z.
+// Words on the ring, which also names where x and y point.
 const EARTH = {
   ring: /** @type {Record<number, string>} */ ({ 0: "N", 90: "E", 180: "S", 270: "W" }),
   height: 0.2,
-  arrows: ["east", "north", "up"],
 };
 const ORIGIN = {
   ring: /** @type {Record<number, string>} */ ({ 0: "left", 90: "front", 180: "right", 270: "back" }),
   height: 0.13,
-  arrows: ["", "", "up"], // the ring names the others
 };
 
 /**
@@ -99,15 +97,11 @@ export function makeWorld(colours, hasGround, isOrigin) {
     const text = name ?? degreesAt(heading, isOrigin);
     world.add(word(text, colour, at(heading, RING + 0.15), name ? words.height : 0.11));
   }
-  const [x, y, z] = words.arrows;
   world.add(
     arrow([0.42, 0, 0], colours.x, 0.008),
     arrow([0, 0.42, 0], colours.y, 0.008),
     arrow([0, 0, 1.05], colours.z, 0.008),
-    word(z, colours.z, [0, 0, 1.14], 0.12),
+    word("up", colours.z, [0, 0, 1.14], 0.12),
   );
-  if (x && y) {
-    world.add(word(x, colours.x, [0.55, 0, 0.03], 0.1), word(y, colours.y, [0, 0.56, 0.03], 0.1));
-  }
   return world;
 }

@@ -60,6 +60,9 @@ function paths(plot, series, first, last) {
   return { stroke };
 }
 
+/** As many as the errors and the noise leave. @type {Record<string, number>} */
+const DECIMALS = { ms: 0, "µT": 1, "°C": 1, sine: 3 };
+
 /** A card with a plot. */
 export class Chart {
   /**
@@ -68,7 +71,7 @@ export class Chart {
    * @param {{ onZoom: (window: Window) => void, onLive: () => void, decimals?: (index: number) => number }} events
    *   `decimals`: of the value of a series
    */
-  constructor(plot, history, { onZoom, onLive, decimals = () => (plot.isAngle ? 2 : 3) }) {
+  constructor(plot, history, { onZoom, onLive, decimals = () => DECIMALS[plot.unit] ?? 2 }) {
     this.plot = plot;
     this._decimals = decimals;
     this._history = history;

@@ -27,8 +27,9 @@ class Row {
     this._age = make("span", { class: "chip warn", hidden: true });
     /** @type {Map<string, { row: HTMLElement, value: HTMLElement }>} */
     this._facts = new Map();
-    this._update = new UpdateBox(model, name);
     this._list = make("dl", { class: "facts" });
+    this._fact("log", UNKNOWN); // the first of them
+    this._update = new UpdateBox(model, name);
     this._chain = make("ol", { class: "chain" });
     this._sum = make("span", { class: "chip" });
     this._open = make("a", { href: `#/probe/${encodeURIComponent(name)}`, title: name }, name);
@@ -176,7 +177,7 @@ export class ProbesView {
     this.element = make(
       "section",
       { class: "probes view" },
-      ...[this._cards, this._ports.element, this._logs.element, this._foot],
+      ...[this._cards, this._logs.element, this._ports.element, this._foot],
     );
   }
 
