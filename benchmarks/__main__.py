@@ -97,6 +97,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "how well strokes are measured: a simulated hand, the firmware's C",
         "strokes/on_host.py",
         "strokes/on_host.py --board nano",
+        "strokes/by_chip.py",
     ),
     "tip": (
         "how well the tip is found: a simulated hand that wobbles the probe",

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from imud.rotation import FloatArray
@@ -12,6 +14,27 @@ from imud.virtual.sensors import SensorErrors
 # White noise of the rests of BROAD: 0.052 m/s2 and 0.084 deg/s of samples at 200 Hz.
 NOISE = SensorErrors(0.0856, 5.4, 0.6, 0.0, 0.0, 0.0)
 GYR_BIAS_DPS = 1.0
+
+# Of chips: the accelerometer's density, ug, and the gyroscope's, mdps, in the root of a
+# Hz. The rests of BROAD; PS-MPU-9250A-01 tables 1 and 2; DS12814 table 3 at 8 g, and
+# table 4; as Luxonis gives those of the LSM6DSV16X.
+DENSITIES = {
+    "BROAD": (530.0, 8.4),
+    "MPU-9250": (300.0, 10.0),
+    "LSM6DSOX": (80.0, 3.8),
+    "LSM6DSV": (60.0, 2.8),
+}
+
+
+def noise_of(chip: str) -> SensorErrors:
+    """White noise of one of these chips."""
+    (acc, gyr), (acc_broad, gyr_broad) = DENSITIES[chip], DENSITIES["BROAD"]
+    return replace(
+        NOISE,
+        gyr_noise_dps=NOISE.gyr_noise_dps * gyr / gyr_broad,
+        acc_noise_mg=NOISE.acc_noise_mg * acc / acc_broad,
+    )
+
 
 ONE = np.eye(3)
 
@@ -25,7 +48,10 @@ MODULES: dict[str, tuple[float, float, float, float]] = {
 
 
 def module_of(
-    kind: str, random: np.random.Generator, drift_dps_s: float = 0.0
+    kind: str,
+    random: np.random.Generator,
+    drift_dps_s: float = 0.0,
+    chip: str = "BROAD",
 ) -> Module:
     """A module, whose gyroscope's bias drifts by so much each second (one sigma)."""
     acc, gyr, axes_deg, bias_mg = MODULES[kind]
@@ -48,5 +74,5 @@ def module_of(
         acc_bias=random.normal(0.0, bias_mg * MG, 3),
         mag=ONE,
         mag_bias=np.zeros(3),
-        noise=NOISE,
+        noise=noise_of(chip),
     )

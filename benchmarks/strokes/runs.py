@@ -78,6 +78,7 @@ class Case:
     plan: Plan
     module: str = "calibrated"
     is_by_button: bool = True
+    chip: str = "BROAD"  # whose noise it has
 
 
 def params_of(case: Case) -> bytes:
@@ -119,7 +120,9 @@ def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
     """A motion of this seed, measured by a module of this seed."""
     random = np.random.default_rng([seed, 3])
     exact = motion_of(case.plan, seed)
-    felt = module_of(case.module, random, GYR_DRIFT_DPS_S).measures(exact, random)
+    felt = module_of(case.module, random, GYR_DRIFT_DPS_S, case.chip).measures(
+        exact, random
+    )
     return Run(case, exact, felt, feed.sampled(felt, chip))
 
 

@@ -82,7 +82,8 @@ class Path(msgspec.Struct, frozen=True, kw_only=True):
     off_sigma_m: Vector
     is_explained: bool
     path_m: tuple[Vector, ...]
-    closed_m: tuple[Vector, ...]
+    closed_m: tuple[Vector, ...] | None
+    closed_sigma_m: tuple[Vector, ...] | None
 
 
 class Raw(Numbered, frozen=True, kw_only=True):

@@ -4,6 +4,7 @@ fixed point is compared with."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +13,26 @@ from core.desk import DEGREE, Array, G
 
 WINDOW_S = 0.1
 BIAS = 0.01 * DEGREE  # rad/s, the least that is stated
-NOISE = 0.02**2  # (m/s2)^2, of a window about all axes, the least
-TURN_LEVEL = 1661000 / 2**30 / 8  # (m/s2)^2 a rad2, of a calibrated module
-TURN_UP = 878000 / 2**30 / 8
+NOISE = 0.005**2  # (m/s2)^2, of a window about all axes, the least for gates
+WALK = math.radians(0.005) ** 2 / 2  # rad2/s, of the gyroscope
+HAND_M = 0.3
+SWAY_MAX = 2.109e-5  # (rad/s)^2
+LEAN = 0.05 * DEGREE  # of the force of a rest, the least
+
+
+@dataclass
+class Known:
+    """What a stroke knows beside its windows: sigmas of the params, m/s2 and a
+    fraction; the noise of windows about all axes, (m/s2)^2, and the least of it; the
+    square rate of rests and at both ends, (rad/s)^2 about all axes.
+    """
+
+    acc: float
+    gyr: float
+    noise: float = NOISE
+    quiet: float = NOISE
+    sway: float = 0.0
+    ends: float = 0.0
 
 
 @dataclass
@@ -38,11 +56,17 @@ def rest_of(force: Array) -> Array:
     return mean
 
 
-def is_calm(force: Array, rest: Array) -> bool:
+def is_calm(force: Array, rest: Array, noise: float) -> bool:
     """Whether the force of a window differs from that of a rest by no more than noise
     explains.
     """
-    return float(np.sum((force - rest) ** 2)) < 4 * NOISE
+    return float(np.sum((force - rest) ** 2)) < 4 * max(noise, NOISE)
+
+
+def upright(f0: Array, moved: Array) -> Array:
+    """Turned so that the force of a rest is vertical."""
+    lean = np.array([f0[1], -f0[0], 0.0]) / G
+    return np.asarray(moved + np.cross(lean, moved))
 
 
 def late_mean(force: Array) -> Array:
@@ -51,7 +75,13 @@ def late_mean(force: Array) -> Array:
 
 
 def closed(
-    f0: Array, force: Array, gained: Array, angle: float, *, left_out: int = 0
+    f0: Array,
+    force: Array,
+    gained: Array,
+    angle: float,
+    known: Known,
+    *,
+    left_out: int = 0,
 ) -> Way:
     """Of a stroke in a level frame after a rest of force `f0`: rows of windows, the
     first the last of the rest, the last three those of the rest behind it, and
@@ -68,18 +98,24 @@ def closed(
         way = way + 2 * velocity + more
         velocity = velocity + row
     end = velocity + (gained[behind] - f0) / 2
-    rest = NOISE * (0.375 + 0.15) / 3
+    rest = max(known.noise, NOISE) * (0.375 + 0.15) / 3
     miss = 8 * (1 - np.cos(angle / 2))
-    tilt = (G * BIAS / 2 * WINDOW_S * count) ** 2 + TURN_LEVEL * miss
-    keep = np.array([share(tilt, rest)] * 2 + [share(TURN_UP * miss, rest)])
+    turned = ((G * known.gyr) ** 2 + known.acc**2) * miss
+    turned_up = 1.25 * known.acc**2 * miss
+    bias = max(BIAS**2, min(known.sway, SWAY_MAX) / 75)
+    tilt = bias * (G / 2 * WINDOW_S * count) ** 2 + turned
+    keep = np.array([share(tilt, rest)] * 2 + [share(turned_up, rest)])
     pairs = (count + 1) * (count + 2)
     sums = way - count * end + keep * (f1 - f0) * pairs / 6
-    moved = sums * WINDOW_S**2 / 2
-    noise = NOISE / 3 * WINDOW_S**4 * count**3 / 12
-    uneven = np.array([TURN_LEVEL * miss / 11] * 2 + [0.0])
+    moved = upright(f0, sums * WINDOW_S**2 / 2)
+    seconds = WINDOW_S * count
+    noise = 1.25 * known.quiet / 3 * WINDOW_S**4 * count**3 / 12
+    noise += (HAND_M * seconds) ** 2 * max(known.sway, known.ends) / 6
+    uneven = np.array([turned / 11] * 2 + [turned_up / 14])
     grown = (keep * rest + uneven) * (WINDOW_S**2 * pairs / 12) ** 2
-    length = np.sum((0.001 * moved) ** 2) + 0.0003**2
-    tipped = 0.4 * DEGREE
-    level = noise + grown[0] + length + (tipped * moved[2]) ** 2
+    walk = G**2 * WALK * seconds**5 / 720 * (6 - 5 * keep[0])
+    length = np.sum((known.acc / G * moved) ** 2) + 0.0001**2
+    tipped = max(known.acc / G, LEAN)
+    level = noise + grown[0] + walk + length + (tipped * moved[2]) ** 2
     up = noise + grown[2] + length + (tipped * np.hypot(*moved[:2])) ** 2
     return Way(moved, np.sqrt(level), np.sqrt(up))

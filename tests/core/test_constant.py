@@ -205,19 +205,3 @@ def test_a_number_of_the_filter_keeps_its_products_in_range(
     include = f'#include "{CORE / "fusion" / file}"'
     (found,) = numbers("gcc", tmp_path, include, [product])
     assert 0 < found < 2**bits, f"{name} in fuse_params.h is too large: {found}"
-
-
-@pytest.mark.parametrize(
-    ("prefix", "scale", "axes_deg", "bias_g"),
-    [("", 0.0005, 0.05, 0.001), ("RAW_", 0.01, 0.5, 0.02)],
-)
-def test_what_a_turn_brings_follows_from_the_modules_errors(
-    prefix: str, scale: float, axes_deg: float, bias_g: float, tmp_path: Path
-) -> None:
-    names = [f"{prefix}TURN_LEVEL_Q30", f"{prefix}TURN_UP_Q30"]
-    include = f'#include "{CORE / "fusion" / "stroke_way.c"}"'
-    found = numbers("gcc", tmp_path, include, names)
-    level = scale**2 + math.radians(axes_deg) ** 2 + bias_g**2
-    up = (scale / 2) ** 2 + bias_g**2
-    wanted = [8 * 9.80665**2 * square * 2**30 for square in (level, up)]
-    assert found == pytest.approx(wanted, rel=0.003)

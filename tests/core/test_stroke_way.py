@@ -4,6 +4,7 @@ felt."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from core.stroke_desk import MICRO, SIGMA
 from imud import rotation
 
 Q15 = 2.0**15
+Q30 = 2.0**30
+ACC, GYR = 0.01, 0.0007  # sigmas of a calibrated module, m/s2 and a fraction
 IDENTITY = ffi.new("struct quat *", (2**30, 0, 0, 0))
 
 
@@ -23,7 +26,7 @@ class Windows:
 
     def __init__(self, period_us: int = 100_000) -> None:
         self.c = ffi.new("struct stroke *")
-        lib.stroke_begin(self.c, True)
+        lib.stroke_begin(self.c, round(ACC * 1e4), round(GYR * 1e5))
         lib.stroke_by_button(self.c, True)
         self.period_us = period_us
         self.time_us = 2**32 - 700_000  # wraps halfway
@@ -48,7 +51,10 @@ class Windows:
         window.world_from_inertial = IDENTITY
         for name, value in more.items():
             setattr(window, name, value)
-        return bool(lib.stroke_step(self.c, window))
+        tells = bool(lib.stroke_step(self.c, window))
+        if tells:
+            lib.stroke_state(self.c)
+        return tells
 
 
 def a_stroke(
@@ -80,6 +86,8 @@ def test_fixed_point_is_within_a_tenth_of_a_millimetre_of_doubles(seed: int) -> 
     axis = random.standard_normal(3)
     turn = rotation.from_rotation_vector(axis / np.linalg.norm(axis) * angle)
     windows = Windows()
+    rate = float(random.choice([0.0, math.radians(1.2)]))  # about all axes
+    turn_q15 = ffi.new("struct vector *", {"axis": [int(rate * Q15 + 0.5), 0, 0]})[0]
     for index in range(len(force)):
         # The window of a press belongs to the stroke, that of a release does not. So
         # does neither the first nor the last of the others if nothing moves in it.
@@ -87,17 +95,21 @@ def test_fixed_point_is_within_a_tenth_of_a_millimetre_of_doubles(seed: int) -> 
             lib.stroke_hold(windows.c, True)
         if index == count + 10:
             lib.stroke_hold(windows.c, False)
-        windows.feel(force[index], gained[index], turn if index > 14 else None)
+        body = turn if index > 14 else None
+        windows.feel(force[index], gained[index], body, turn_q15=turn_q15)
     stroke = windows.c
     assert stroke.end == lib.STROKE_END_BUTTON
     before = stroke_twin.rest_of(force[:10])
-    first = 11 if stroke_twin.is_calm(force[10], before) else 10
+    noise, quiet = stroke.noise_q30 / Q30, stroke.quiet_q30 / Q30
+    sway, ends = stroke.sway_q30 / Q30, (stroke.began_q30 / Q30 + rate**2) / 2
+    first = 11 if stroke_twin.is_calm(force[10], before, noise) else 10
     rest = stroke_twin.late_mean(force)
-    left_out = int(stroke_twin.is_calm(force[count + 9], rest))
+    left_out = int(stroke_twin.is_calm(force[count + 9], rest, noise))
     assert stroke.windows == count + 10 - first - left_out
     twin = stroke_twin.closed(
         stroke_twin.rest_of(force[:first]),
         *(force[first - 1 :], gained[first - 1 :], angle),
+        stroke_twin.Known(ACC, GYR, noise, min(noise, quiet), sway, ends),
         left_out=left_out,
     )
     found = np.array([stroke.moved_um.x, stroke.moved_um.y, stroke.moved_um.z]) * MICRO

@@ -38,12 +38,7 @@ static void put_vector(const struct pose_tracker *tracker, struct vector *v,
 
 void pose_place_begin(struct pose_tracker *tracker) {
     const struct calibration *calibration = tracker->calibration;
-    bool is_calibrated = false;
-    for (uint8_t i = 0; i < 9; ++i) {
-        const q2_14_t one = i % 4 == 0 ? 16384 : 0;
-        is_calibrated |= calibration->gyr.matrix[i / 3][i % 3] != one;
-    }
-    stroke_begin(&tracker->stroke, is_calibrated);
+    stroke_begin(&tracker->stroke, calibration->acc.sigma, calibration->gyr.sigma);
     tracker->tip =
         (struct pose_tip){{POSE_POSITION_NULL, 0, 0}, {POSE_NORMAL_NULL, 0, 0}};
     tracker->has_stroke = false;
@@ -65,9 +60,16 @@ void pose_place_origin(struct pose_tracker *tracker) {
     stroke_place(&tracker->stroke, &place);
 }
 
+static void tell(struct pose_tracker *tracker) {
+    stroke_state(&tracker->stroke);
+    tracker->has_stroke = true;
+}
+
 void pose_place_break(struct pose_tracker *tracker) {
     tracker->fault = STROKE_END_GAP;
-    tracker->has_stroke |= tracker->work == POSE_WORK_TELL;
+    if (tracker->work == POSE_WORK_TELL) {
+        tell(tracker);
+    }
     tracker->work = POSE_WORK_NONE;
     tracker->sums = (struct stroke_sums){.force_q5 = {.x = 0}};
 }
@@ -105,7 +107,7 @@ static void work(struct pose_tracker *tracker, const struct fuse *fuse) {
             stroke_step(&tracker->stroke, window) ? POSE_WORK_TELL : POSE_WORK_NONE;
         break;
     case POSE_WORK_TELL:
-        tracker->has_stroke = true;
+        tell(tracker);
         tracker->work = tracker->stroke.end == STROKE_END_BUTTON ? POSE_WORK_LEARN_X
                                                                  : POSE_WORK_NONE;
         break;

@@ -13,6 +13,8 @@ enum {
     PRESS_WINDOWS = 3,    // until the window of a press is no longer held back
     CALM_WINDOWS = 1,     // that a stroke waits after a press while nothing moves
     RELEASE_WINDOWS = 3,  // of rest after the window before a release
+    NOTED = 16,           // windows in the mean noise of rests
+    NOTED_START = 4,      // for as many counts the noise that it starts from
 };
 
 #define TURN_LIMIT_Q15 Q_RAD(2, 15)          // deg/s
@@ -20,15 +22,18 @@ enum {
 #define FORCE_LIMIT_Q15 Q15(16)              // m/s2
 #define SPEED_LIMIT_Q15 STROKE_SPEED_Q15(3)  // m/s
 #define WAY_LIMIT_Q15 STROKE_WAY_Q15(2)      // m
-// Limits of the square of a window's noise, (m/s2)^2 about all axes: at least that of a
-// sensor at rest.
-#define NOISE_MIN_Q30 ((uint32_t)Q30(SQUARE(0.02)))
+// The square of a window's noise, (m/s2)^2 about all axes, until rests have shown it,
+// and its limits: a quarter of the quietest sensor's (60 ug/rtHz), and a hand's.
+#define NOISE_START_Q30 ((uint32_t)Q30(SQUARE(0.02)))
+#define NOISE_MIN_Q30 ((uint32_t)Q30(SQUARE(0.0012)))
 #define NOISE_MAX_Q30 ((uint32_t)Q30(SQUARE(0.2)))
 
-void stroke_begin(struct stroke *stroke, bool is_calibrated) {
+void stroke_begin(struct stroke *stroke, uint16_t acc_sigma, uint16_t gyr_sigma) {
     memset(stroke, 0, sizeof *stroke);
-    stroke->is_calibrated = is_calibrated;
-    stroke->noise_q30 = NOISE_MIN_Q30;
+    stroke->noise_q30 = NOISE_START_Q30;
+    stroke->quiet_q30 = NOISE_MAX_Q30;
+    stroke->noted = NOTED_START;
+    stroke_take_errors(stroke, acc_sigma, gyr_sigma);
 }
 
 // A stroke ends without a result, and with it the path.
@@ -91,6 +96,26 @@ static void call_still(struct stroke *stroke, const struct stroke_force *last) {
     }
 }
 
+// `square`: by how much the force of a window is not the mean of a rest. Of a mean of n
+// windows the next is off by 1 + 1/n times their noise.
+static void take_noise(struct stroke *stroke, uint32_t square) {
+    const uint32_t limit = stroke_noise(stroke) * 8;
+    square = square < limit ? square : limit;
+    if (stroke->noted < NOTED) {
+        ++stroke->noted;
+    }
+    stroke->noise_q30 +=
+        (uint32_t)((int32_t)(square - stroke->noise_q30) / stroke->noted);
+    if (stroke->noise_q30 < NOISE_MIN_Q30) {
+        stroke->noise_q30 = NOISE_MIN_Q30;
+    } else if (stroke->noise_q30 > NOISE_MAX_Q30) {
+        stroke->noise_q30 = NOISE_MAX_Q30;
+    }
+    if (stroke->noted == NOTED && stroke->noise_q30 < stroke->quiet_q30) {
+        stroke->quiet_q30 = stroke->noise_q30;
+    }
+}
+
 // The window that is no longer held back is one of a rest.
 static void take_rest(struct stroke *stroke, const struct stroke_force *before) {
     const struct vector *force = &before->mean_q15;
@@ -105,17 +130,7 @@ static void take_rest(struct stroke *stroke, const struct stroke_force *before) 
         memset(&apart, 0, sizeof apart);
     }
     if (stroke->settled > 0) {
-        // Of a mean of n windows the next is off by 1 + 1/n times their noise.
-        const uint32_t limit = stroke->noise_q30 * 8;
-        uint32_t square = square_apart(force, &stroke->rest_q15);
-        square = square < limit ? square : limit;
-        const int32_t step = (int32_t)(square - stroke->noise_q30) / 16;
-        stroke->noise_q30 = (uint32_t)((int32_t)stroke->noise_q30 + step);
-        if (stroke->noise_q30 < NOISE_MIN_Q30) {
-            stroke->noise_q30 = NOISE_MIN_Q30;
-        } else if (stroke->noise_q30 > NOISE_MAX_Q30) {
-            stroke->noise_q30 = NOISE_MAX_Q30;
-        }
+        take_noise(stroke, square_apart(force, &stroke->rest_q15));
     }
     if (stroke->settled < SETTLED) {
         ++stroke->settled;
@@ -143,7 +158,7 @@ static void start(struct stroke *stroke, const struct stroke_window *window) {
 // What of this window shows: a turn, or a force that is not that of a rest.
 static bool has_moved(const struct stroke *stroke, const struct stroke_window *window) {
     const uint32_t square = square_apart(&window->force.mean_q15, &stroke->rest_q15);
-    return stroke->steady == 0 || square / 12 > stroke->noise_q30;
+    return stroke->steady == 0 || square / 12 > stroke_noise(stroke);
 }
 
 // What is held back is not the rest of a hand: the force changes.
@@ -156,7 +171,7 @@ static bool is_unstill(const struct stroke *stroke) {
 // The windows that are held back and the one before are those of a rest.
 static bool rests(const struct stroke *stroke, const struct stroke_force *before) {
     const struct vector *newest = &stroke->late[2].mean_q15;
-    const uint32_t limit = stroke->noise_q30 * 8;
+    const uint32_t limit = stroke_noise(stroke) * 8;
     return stroke->steady == STEADY &&
            square_apart(&before->mean_q15, newest) < limit &&
            square_apart(&stroke->late[0].mean_q15, newest) < limit &&
@@ -172,7 +187,7 @@ static bool has_come_to_rest(const struct stroke *stroke,
 // The force is that of a rest, but for its noise.
 static bool is_calm(const struct stroke *stroke, const struct stroke_force *force,
                     const struct vector *rest) {
-    return square_apart(&force->mean_q15, rest) < stroke->noise_q30 * 4;
+    return square_apart(&force->mean_q15, rest) < stroke_noise(stroke) * 4;
 }
 
 static uint16_t root_of_sum(uint16_t a, uint16_t b) {
@@ -191,9 +206,18 @@ static void finish(struct stroke *stroke, const struct stroke_force *before) {
     }
     stroke_late_mean(stroke, &stroke->rest_q15);
     call_still(stroke, before);
+}
+
+void stroke_state(struct stroke *stroke) {
     struct stroke_sigma *path = &stroke->path_sigma;
-    path->horizontal = root_of_sum(path->horizontal, stroke->sigma.horizontal);
-    path->vertical = root_of_sum(path->vertical, stroke->sigma.vertical);
+    if (stroke->end > STROKE_END_BUTTON) {
+        return;  // without a length
+    }
+    stroke_find_sigma(stroke);
+    if (stroke->phase == STROKE_RESTS) {
+        path->horizontal = root_of_sum(path->horizontal, stroke->sigma.horizontal);
+        path->vertical = root_of_sum(path->vertical, stroke->sigma.vertical);
+    }
 }
 
 // The window that is no longer held back is one of the rest already, at which the
@@ -261,9 +285,14 @@ static void start_after_rest(struct stroke *stroke, const struct stroke_window *
     move(stroke, window, before);
 }
 
-// At rest, as far as is known. True where there is something to tell.
+static void average(uint32_t *mean, uint32_t next, uint8_t count) {
+    *mean += (uint32_t)((int32_t)(next - *mean) / count);
+}
+
+// At rest, as far as is known; `turn_q30`: of the window that is no longer held back.
+// True where there is something to tell.
 static bool wait(struct stroke *stroke, const struct stroke_window *window,
-                 const struct stroke_force *before) {
+                 const struct stroke_force *before, uint32_t turn_q30) {
     const bool is_pressed =
         stroke->countdown > 0 && --stroke->countdown <= CALM_WINDOWS &&
         (stroke->countdown == 0 || !is_calm(stroke, before, &stroke->rest_q15));
@@ -273,11 +302,8 @@ static bool wait(struct stroke *stroke, const struct stroke_window *window,
         return true;
     }
     take_rest(stroke, before);
-    if (stroke->countdown == 0) {
-        // Since a press the newest window is one of the stroke.
-        stroke->sway_q30 += stroke_square(&window->turn_q15) / 8;
-        stroke->sway_q30 -= stroke->sway_q30 / 8;
-    }
+    average(&stroke->sway_q30, turn_q30, 8);
+    average(&stroke->began_q30, turn_q30, STROKE_LATE);
     if (stroke->settled == 1) {
         stroke->is_placed = false;
     }
@@ -288,6 +314,9 @@ static void hold_back(struct stroke *stroke, const struct stroke_window *window)
     stroke->late[0] = stroke->late[1];
     stroke->late[1] = stroke->late[2];
     stroke->late[2] = window->force;
+    stroke->late_turn_q30[0] = stroke->late_turn_q30[1];
+    stroke->late_turn_q30[1] = stroke->late_turn_q30[2];
+    stroke->late_turn_q30[2] = stroke_square(&window->turn_q15);
     if (vector_exceeds(&window->turn_q15, TURN_LIMIT_Q15)) {
         stroke->steady = 0;
     } else if (stroke->steady < STEADY) {
@@ -297,6 +326,7 @@ static void hold_back(struct stroke *stroke, const struct stroke_window *window)
 
 bool stroke_step(struct stroke *stroke, const struct stroke_window *window) {
     const struct stroke_force before = stroke->late[0];
+    const uint32_t turn_q30 = stroke->late_turn_q30[0];
     const bool was_moving = stroke->phase == STROKE_MOVES;
     hold_back(stroke, window);
     if (window->fault != STROKE_END_RUNNING) {
@@ -328,7 +358,7 @@ bool stroke_step(struct stroke *stroke, const struct stroke_window *window) {
         }
         stroke->phase = STROKE_RESTS;
     }
-    return wait(stroke, window, &before);
+    return wait(stroke, window, &before, turn_q30);
 }
 
 bool stroke_position(const struct stroke *stroke, q2_30_t since, struct vector *out) {

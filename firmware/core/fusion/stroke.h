@@ -61,9 +61,25 @@ struct stroke_sums {
 bool stroke_listen(struct stroke_sums *sums, const struct fuse *fuse,
                    struct stroke_window *out);
 
+// Variances of a tilt, (1e-5 m)^2, in the level and up; `is_open`: of a stroke whose
+// end is not known.
+struct stroke_tilt {
+    uint32_t level, up;
+    bool is_open;
+};
+
 // Sigmas in 1e-5 m, of each horizontal axis and of the vertical one.
 struct stroke_sigma {
     uint16_t horizontal, vertical;
+};
+
+// What the sigmas of a module's params do to a stroke.
+struct stroke_errors {
+    // Variance of the force that a turn of 1 rad brings, eight times, (m/s2)^2.
+    q2_30_t turn_level, turn_up;
+    // Of lengths, um to 1e-5 m: the scale of the accelerometer, and of the other axes'
+    // length the direction of its rest.
+    q2_30_t scale, lean;
 };
 
 struct stroke {
@@ -77,14 +93,18 @@ struct stroke {
     bool is_by_button;  // strokes are what the button is held for
     bool is_held;
     bool is_near;          // it was pressed again before the stroke's end was measured
-    bool is_calibrated;    // the module, by params
     bool is_placed;        // the path has an origin, and nothing has broken it
+    uint8_t noted;         // windows in `noise_q30`, at most 16
     uint16_t number;       // strokes since the start
     int16_t start_q14[4];  // inertial_from_body at the start
     uint32_t start_us;     // end of the window in which its start was found
     uint32_t noise_q30;    // of a window: mean square from `rest`, (m/s2)^2, three axes
+    uint32_t quiet_q30;    // the same of the quietest rests: what is the sensor's
     uint32_t sway_q30;     // mean square rate of rests, (rad/s)^2, three axes
+    uint32_t began_q30;    // the same just before the stroke
+    struct stroke_errors errors;            // of the module
     struct stroke_force late[STROKE_LATE];  // the newest is the last
+    uint32_t late_turn_q30[STROKE_LATE];    // their square rates, (rad/s)^2, three axes
     struct vector rest_q15;                 // force
     // Sums over windows of 100 ms: of the force less `rest`, and of the sums before and
     // after each window.
@@ -96,13 +116,15 @@ struct stroke {
     struct vector moved_um;     // world: of this stroke, or of the last one
     struct vector speed_um;     // a window, while it moves
     struct vector path_um;      // world: from the origin to where the stroke began
-    struct stroke_sigma sigma;  // of moved_um
+    struct stroke_tilt tilt;    // of moved_um
+    struct stroke_sigma sigma;  // the same, since stroke_state()
     struct stroke_sigma path_sigma;
 };
 
-// Forgets all. `is_calibrated`: the module's gyroscope is. `is_by_button`: strokes are
-// what the button is held for, not what is between rests.
-void stroke_begin(struct stroke *stroke, bool is_calibrated);
+// Forgets all; strokes are those between rests. The sigmas are those of params'
+// records: 1e-4 m/s2 of the accelerometer, 1e-5 of the gyroscope's scale; held at those
+// of a module that is not calibrated.
+void stroke_begin(struct stroke *stroke, uint16_t acc_sigma, uint16_t gyr_sigma);
 
 // Whether strokes are what the button is held for. Ends one that runs otherwise.
 void stroke_by_button(struct stroke *stroke, bool is_by_button);
@@ -114,8 +136,11 @@ void stroke_refuse(struct stroke *stroke, uint8_t end);
 void stroke_hold(struct stroke *stroke, bool is_held);
 
 // The next window. True where there is something to tell: a stroke runs, has ended, or
-// was refused.
+// was refused; call stroke_state() first, before the next window.
 bool stroke_step(struct stroke *stroke, const struct stroke_window *window);
+
+// The errors of what there is to tell. Apart, since both together take too long.
+void stroke_state(struct stroke *stroke);
 
 // The place of the sensor is `path_um` from now on.
 void stroke_place(struct stroke *stroke, const struct vector *path_um);

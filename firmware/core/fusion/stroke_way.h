@@ -19,6 +19,12 @@
 // |v|^2 as q2_30 of v in q15, whose numbers are held within +-0.5.
 uint32_t stroke_square(const struct vector *v_q15);
 
+// The square of a window's noise that gates and errors are made of.
+uint32_t stroke_noise(const struct stroke *stroke);
+
+// What these sigmas of the params' records do to strokes.
+void stroke_take_errors(struct stroke *stroke, uint16_t acc_sigma, uint16_t gyr_sigma);
+
 // Takes the force of a window, less that of the rest, into the sums.
 void stroke_add(const struct stroke *stroke, const struct stroke_force *force,
                 struct vector *velocity, struct vector *twice_way);
@@ -35,5 +41,8 @@ void stroke_find_open(struct stroke *stroke, const struct stroke_window *window)
 // not end at rest, or did not begin so.
 bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *window,
                         const struct stroke_force *first);
+
+// Its errors, of what either of these has found.
+void stroke_find_sigma(struct stroke *stroke);
 
 #endif

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""`imud strokes`: each stroke on a line as it ends, and with --close its path."""
+"""`imud strokes`: each stroke on a line as it ends, and with --close its path, as the
+daemon closes it.
+"""
 
 from __future__ import annotations
 
@@ -9,37 +11,48 @@ import math
 import queue
 import sys
 import time
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from imud.client import Client, Delivery
-from imud.probes.path import SIGMAS, StrokePath
+from imud.errors import ImudError
+from imud.probes.path import SIGMAS
 
 
 def _row(place: Sequence[float]) -> str:
     return " ".join(f"{100 * each:8.2f}" for each in place)
 
 
+def _errors(sigma: Sequence[float]) -> str:
+    return " ".join(f"{100 * each:.2f}" for each in sigma)
+
+
 def lines_of(probe: str, closing: Mapping[str, Any]) -> list[str]:
     """The path as measured and closed, cm, and how far its end is off."""
     off, sigma, number = closing["off_m"], closing["off_sigma_m"], closing["strokes"]
     verdict = "within" if closing["is_explained"] else "more than"
-    places = zip(closing["path_m"], closing["closed_m"], strict=True)
+    if closing["closed_m"] is None:
+        head = "not closed: it did not return, or a stroke is wrong"
+        closed = [""] * number
+    else:
+        head = f"{'closed (cm)':<26}  ± (cm)"
+        pairs = zip(closing["closed_m"], closing["closed_sigma_m"], strict=True)
+        closed = [f"  {_row(place)}  {_errors(each)}" for place, each in pairs]
+    rows = zip(closing["path_m"], closed, strict=True)
     return [
         f"{probe}: {number} strokes end {100 * math.hypot(*off):.2f} cm from their "
         "origin:",
         f"  {_row(off)}  cm east, north, up; {verdict} the range of their errors:",
         f"  {_row([SIGMAS * each for each in sigma])}  (95 %)",
-        f"{'stroke':>6}  {'measured (cm)':<26}  closed (cm)",
+        f"{'stroke':>6}  {'measured (cm)':<26}  {head}",
         *(
-            f"{at:>6}  {_row(measured)}  {_row(closed)}"
-            for at, (measured, closed) in enumerate(places, 1)
+            f"{at:>6}  {_row(measured)}{more}"
+            for at, (measured, more) in enumerate(rows, 1)
         ),
     ]
 
 
-CLOSING = ("stroke", "pose", "path")
+CLOSING = ("stroke", "path")
 
 HEAD = (
     f"{'probe':<16} {'stroke':>6} {'time':>6}  {'length':>8}"
@@ -58,8 +71,7 @@ def line_of(stroke: Mapping[str, Any]) -> str:
         return f"{head}  {'unknown':>8}  {'':<26} {'':<16} {why}"
     length = f"{100 * math.hypot(*way):5.2f} cm"
     axes = " ".join(f"{100 * each:8.2f}" for each in way)
-    errors = f"{100 * sigma[0]:.2f} {100 * sigma[1]:.2f} {100 * sigma[2]:.2f}"
-    return f"{head}  {length:>8}  {axes:<26} {errors:<16} {stroke['end']}"
+    return f"{head}  {length:>8}  {axes:<26} {_errors(sigma):<16} {stroke['end']}"
 
 
 def listen(
@@ -79,9 +91,7 @@ def listen(
         client.listen(kind, probe, arrived.put)
         for kind in (CLOSING if closes else ("stroke",))
     ]
-    # By id, which a probe has under every name.
-    paths: defaultdict[str, StrokePath] = defaultdict(StrokePath)
-    names: dict[str, str] = {}
+    names: dict[str, str] = {}  # by id, which a probe has under every name
     until_s = time.monotonic() + seconds if seconds is not None else math.inf
     if not as_json:
         show(HEAD)
@@ -90,41 +100,28 @@ def listen(
             with contextlib.suppress(queue.Empty):
                 delivery = arrived.get(timeout=min(left_s, 1.0))
                 record = json.loads(delivery.payload)
-                own = delivery.probe_id or delivery.probe
-                names[own] = delivery.probe
-                if record["type"] == "pose":
-                    paths[own].add_pose(record)
-                    continue
+                names[delivery.probe_id or delivery.probe] = delivery.probe
                 if record["type"] == "path":
                     show_closing(record["probe"], record, as_json=as_json)
-                    continue
-                paths[own].add_stroke(record)
-                if record["end"] != "running":
+                elif record["end"] != "running":
                     show(delivery.payload.decode() if as_json else line_of(record))
     for end in undeclare:
         end()
-    if closes:
-        named = {names[own]: path for own, path in paths.items()}
-        show_closed(named, as_json=as_json)
+    if closes and not names:
+        sys.stderr.write("no path to close: there was no stroke\n")
+    for own, name in names.items() if closes else ():
+        try:
+            closing = client.command(own, "close")["value"]
+        except ImudError as error:
+            sys.stderr.write(f"{error}\n")
+        else:
+            show_closing(name, {"probe": name, **closing}, as_json=as_json)
     return 0
 
 
 def show(line: str) -> None:
     sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
-
-
-def show_closed(paths: Mapping[str, StrokePath], *, as_json: bool) -> None:
-    """Each probe's path since its origin, closed."""
-    known = {name: path.closing() for name, path in paths.items()}
-    for name, closing in known.items():
-        if closing is not None:
-            show_closing(name, {"probe": name, **closing}, as_json=as_json)
-    if not any(known.values()):
-        sys.stderr.write(
-            "no path to close: its origin is unknown, or its last stroke has no "
-            "length; `imud tare` sets an origin\n"
-        )
 
 
 def show_closing(name: str, closing: Mapping[str, Any], *, as_json: bool) -> None:

@@ -444,6 +444,15 @@ class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Meta(description="compute its poses on the host, from all its raw samples"),
     ] = False
     log: Annotated[bool, Meta(description="log its messages")] = True
+    return_m: Annotated[
+        float,
+        Meta(
+            description="how exactly its tip is put back onto a mark where a path of "
+            "strokes is closed, m",
+            ge=0.0,
+            le=0.1,
+        ),
+    ] = 0.001
     button: Annotated[
         ButtonTable | None,
         Meta(

@@ -151,7 +151,7 @@ class Intake:
         """Publishes the path of its strokes, closed, and returns it; CommandRefused if
         there is none.
         """
-        closing = entry.closer.closing()
+        closing = entry.closing()
         if closing is None:
             raise CommandRefused(
                 "there is no path to close: its origin is unknown, or its last stroke "
@@ -266,7 +266,7 @@ class Intake:
             return
         gesture = entry.gesture(str(message.fields.get("event")), event.stamp)
         if gesture == ("double", "path"):
-            closing = entry.closer.closing(is_double=True)
+            closing = entry.closing(is_double=True)
             if closing is not None:
                 self._publisher.say_closing(entry, closing, "button", record.t_ns)
         elif gesture is not None:

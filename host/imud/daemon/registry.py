@@ -19,6 +19,7 @@ from imud.params.value import Params
 from imud.probes.aim import Aim
 from imud.probes.gestures import EVENTS, Gestures, PathCloser
 from imud.probes.north import North
+from imud.probes.path import scale_sigma
 from imud.probes.record import Stamp
 from imud.probes.sensors import SensorFinding
 from imud.probes.session import OtherSchema, Probe, Session
@@ -74,7 +75,8 @@ class ProbeEntry:
     def __init__(self, probe_id: str, config: Config, stages: list[Stage]) -> None:
         self.probe = Probe(probe_id)
         self.name = config.name_of(probe_id)
-        self.is_logged = config.settings_of(probe_id).log
+        self.settings = config.settings_of(probe_id)
+        self.is_logged = self.settings.log
         self.stages = stages
         # By kind of message: the last number heard, and by how much what was published
         # is ahead of it, where a stage computes what the probe sends, too.
@@ -100,7 +102,6 @@ class ProbeEntry:
         self.aim: Aim | None = None  # what it is to be brought to
         self.closer = PathCloser()
         self.gestures = Gestures()  # of its button
-        self.button = config.settings_of(probe_id).button or BUTTON
         self.temperature_c: float | None = None  # of the last raw sample, or status
         self.poses = 0
         self.poses_before = 0  # at the last tick
@@ -145,8 +146,8 @@ class ProbeEntry:
 
     def configure(self, config: Config) -> None:
         self.name = config.name_of(self.probe.probe_id)
-        settings = config.settings_of(self.probe.probe_id)
-        self.is_logged, self.button = settings.log, settings.button or BUTTON
+        self.settings = config.settings_of(self.probe.probe_id)
+        self.is_logged = self.settings.log
         self._locate(config.place)
         for stage in self.stages:
             stage.configure(config)
@@ -155,6 +156,11 @@ class ProbeEntry:
         self.earth, self.north = earth_of(place), None
         if self.earth is not None and place.north == "true":
             self.north = North(self.earth.declination_deg)
+
+    @property
+    def button(self) -> tuple[str, ...]:
+        """What the gestures of its button ask for."""
+        return self.settings.button or BUTTON
 
     @property
     def tells_button(self) -> bool:
@@ -176,6 +182,11 @@ class ProbeEntry:
             return None
         table = self.button if self.tells_button else BUTTON
         return found, table[GESTURES.index(found)]
+
+    def closing(self, *, is_double: bool = False) -> dict[str, Any] | None:
+        """The path of its strokes, closed, as PathCloser has it."""
+        return_m, scale = self.settings.return_m, scale_sigma(self.probe.scales.params)
+        return self.closer.closing(scale, return_m, is_double=is_double)
 
     @property
     def session(self) -> Session | None:

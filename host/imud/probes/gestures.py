@@ -5,6 +5,7 @@ the path of its strokes, which one of them closes.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -68,11 +69,14 @@ class PathCloser:
 
     def __init__(self) -> None:
         self._path = StrokePath()
-        self._at_presses: tuple[dict[str, Any] | None, ...] = (None, None)
+        self._at_presses = StrokePath(), StrokePath()
 
-    def closing(self, *, is_double: bool = False) -> dict[str, Any] | None:
+    def closing(
+        self, scale: float, return_m: float, *, is_double: bool = False
+    ) -> dict[str, Any] | None:
         """The path now, or of before the last press but one, as StrokePath has it."""
-        return self._at_presses[0] if is_double else self._path.closing()
+        path = self._at_presses[0] if is_double else self._path
+        return path.closing(scale, return_m)
 
     @property
     def sigma_m(self) -> list[float]:
@@ -86,4 +90,4 @@ class PathCloser:
         elif record["type"] in ("stroke", "event"):
             self._path.add(record)
             if record.get("event") == PRESSED:
-                self._at_presses = self._at_presses[1], self._path.closing()
+                self._at_presses = self._at_presses[1], copy.deepcopy(self._path)

@@ -17,6 +17,9 @@ from imud.virtual.sensors import Sway
 
 # Amplitudes of the study that the limits of benchmarks/strokes are from: tremor of
 # 0.05 or 0.2 m/s2 and of 0.3 or 1 deg/s, a sway of 0.1 or 0.5 mm and of 0.1 or 0.4 deg.
+# "hand" sways as the 157 real rests of hands in the recordings "ground": 0.41 cm/s and
+# 1.17 deg/s an axis, together; "paper" and "air" turn three times as much for their
+# speed.
 _TREMOR = 2.0 * math.pi * 10.0  # rad/s
 SWAYS: dict[str, Sway] = {
     # The probe lies or stands on something at both ends.
@@ -36,6 +39,14 @@ SWAYS: dict[str, Sway] = {
             (8.0, 12.0, math.radians(1.0) / _TREMOR),
         ),
         tip=((0.2, 1.0, 5e-4), (8.0, 12.0, 0.2 / _TREMOR**2)),
+        grain_m=0.0,
+    ),
+    "hand": Sway(
+        turn=(
+            (0.2, 1.0, math.radians(0.31)),
+            (8.0, 12.0, math.radians(1.0) / _TREMOR),
+        ),
+        tip=((0.2, 1.0, 1.05e-3), (8.0, 12.0, 0.2 / _TREMOR**2)),
         grain_m=0.0,
     ),
 }

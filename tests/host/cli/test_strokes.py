@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import IO, Any, cast
 
 import jsonschema
+import numpy as np
 import pytest
 
 from chain import Chain
@@ -22,8 +23,9 @@ from imud.cli.stroke_lines import line_of, lines_of
 from imud.client import Client, Delivery
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
+from imud.params.trusted import CALIBRATED
 from imud.probes.gestures import PathCloser
-from imud.probes.path import StrokePath
+from imud.probes.path import StrokePath, scale_sigma
 from imud.probes.record import STROKE_ADVICE
 from imud.wire.messages import Message, decode, encode
 from imud.wire.schema import StrokeEnd
@@ -162,17 +164,40 @@ def test_the_first_pose_after_a_stroke_tells_where_the_tip_is() -> None:
 @pytest.mark.parametrize(("off", "word"), [(0.004, "within"), (0.009, "more than")])
 def test_how_far_it_is_off_is_told_beside_what_is_stated(off: float, word: str) -> None:
     path = path_of(*strokes([(0.1, 0.0, 0.0), (off - 0.1, 0.0, 0.0)]))
-    closing = path.closing()
+    closing = path.closing(0.001, 0.001)
+    assert closing is not None
     head, end, stated, _, *rows = lines_of("stylus", closing)
     assert head == f"stylus: 2 strokes end {100 * off:.2f} cm from their origin:"
     assert word in end
-    assert stated.split() == ["0.78", "0.78", "0.59", "(95", "%)"]
+    assert stated.split() == ["0.81", "0.81", "0.62", "(95", "%)"]
     assert [float(each) for each in rows[0].split()[:5]] == pytest.approx(
         [1, 10.0, 0.0, 0.0, 10.0 - 50 * off], abs=0.01
     )
     assert closing["off_m"] == pytest.approx([off, 0.0, 0.0])
 
 
+def test_there_and_back_halves_the_error_of_both_strokes_but_not_the_scale() -> None:
+    path = path_of(*strokes([(0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)]))
+    closing = path.closing(0.01, 0.002)
+    assert closing is not None
+    square = (2 * np.array(SIGMA) ** 2 + 0.002**2) / 4 + 0.001**2
+    assert closing["closed_sigma_m"][0] == pytest.approx(square**0.5)
+    assert closing["closed_sigma_m"][1] == pytest.approx([0.002] * 3)
+    raw = scale_sigma(None)
+    assert (raw, scale_sigma(CALIBRATED)) == pytest.approx((0.0204, 0.00071), rel=0.01)
+
+
+def test_a_path_that_has_not_returned_is_not_closed() -> None:
+    path = path_of(*strokes([(0.1, 0.0, 0.0), (-0.08, 0.0, 0.0)]))
+    closing = path.closing(0.001, 0.001)
+    assert closing is not None
+    assert (closing["closed_m"], closing["closed_sigma_m"]) == (None, None)
+    *_, head, first, last = lines_of("stylus", closing)
+    assert head.endswith("not closed: it did not return, or a stroke is wrong")
+    assert (first.split()[:2], last.split()[:2]) == (["1", "10.00"], ["2", "2.00"])
+
+
+KNOWN = (0.001, 0.001)  # scale, a share, and return, m
 TARED = {"type": "event", "event": "tared", "t_device_us": 5_150_000}
 PRESS = {"type": "event", "event": "button_pressed", "t_device_us": 5_000_000}
 
@@ -181,10 +206,11 @@ def test_a_double_click_closes_the_path_of_before_it() -> None:
     closer = PathCloser()
     for each in (*strokes(), PRESS, TARED, PRESS):
         closer.on_record(each)  # its first click has started the stream
-    assert closer.closing(is_double=True) == path_of(*strokes()).closing()
-    assert closer.closing() is None
+    found = closer.closing(*KNOWN, is_double=True)
+    assert found == path_of(*strokes()).closing(*KNOWN)
+    assert closer.closing(*KNOWN) is None
     closer.on_record(PRESS)
-    assert closer.closing(is_double=True) is None
+    assert closer.closing(*KNOWN, is_double=True) is None
 
 
 def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
@@ -206,7 +232,7 @@ def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
         jsonschema.validate(each, JSON_SCHEMAS["path"])
         assert (each["type"], each["probe"], each["by"]) == ("path", name, by)
         assert each["off_m"] == pytest.approx([0.1, 0.0, 0.0])
-        assert each["off_sigma_m"] == pytest.approx([0.04, 0.04, 0.05])
+        assert each["off_sigma_m"] == pytest.approx([0.04, 0.04, 0.05], rel=1e-3)
         assert not each["is_explained"]
         assert each["closed_m"] == [[0.0, 0.0, 0.0]]
         assert {key: each[key] for key in value} == value
@@ -238,11 +264,21 @@ class Network:
                 callback(Delivery(each["probe"], payload, "", "00112233445566aa"))
         return lambda: None
 
+    def command(self, probe: str, name: str) -> dict[str, Any]:
+        """Closes the path of all, as the daemon does."""
+        closer = PathCloser()
+        for each in self.records:
+            closer.on_record(each)
+        closing = closer.closing(*KNOWN)
+        if closing is None:
+            raise CommandRefused(f"{probe}: {name}: there is no path to close")
+        return {"value": closing}
+
 
 def closed(records: list[dict[str, Any]], *, as_json: bool) -> None:
-    """Of a probe that is renamed before the last."""
-    made = [{"probe": "point"} | each for each in records[:-1]]
-    made += [{"probe": "stylus"} | each for each in records[-1:]]
+    """Of a probe that is renamed before the last two."""
+    made = [{"probe": "point"} | each for each in records[:-2]]
+    made += [{"probe": "stylus"} | each for each in records[-2:]]
     network = cast(Client, Network(made))
     stroke_lines.listen(network, None, None, as_json=as_json, closes=True)
 
@@ -273,7 +309,7 @@ def test_a_path_is_closed_when_ctrl_c_ends_it(
 def test_a_path_that_its_button_closes_is_told_at_once(
     capsys: pytest.CaptureFixture[str], as_json: bool
 ) -> None:
-    closing = path_of(*strokes()).closing()
+    closing = path_of(*strokes()).closing(*KNOWN)
     assert closing is not None
     closed([{"type": "path", **closing}], as_json=as_json)
     output = capsys.readouterr().out
@@ -288,4 +324,4 @@ def test_without_an_origin_there_is_nothing_to_close(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     closed([each | {"path_m": None} for each in strokes()], as_json=False)
-    assert "imud tare" in capsys.readouterr().err
+    assert "no path to close" in capsys.readouterr().err

@@ -97,6 +97,7 @@ def stroke(number: int, end: str = "button", **fields: Any) -> Record:
         "type": "stroke",
         "end": end,
         "displacement_m": (0.1, 0.0, 0.0),
+        "displacement_sigma_m": (0.001,) * 3,
         "path_m": (0.1 * number, 0.0, 0.0),
         "path_sigma_m": (0.001,) * 3,
         "t_device_us": 1_000_000 * number,

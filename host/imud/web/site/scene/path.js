@@ -59,7 +59,7 @@ export class Path {
     if (strokes.running && last) {
       this._line([last.at, strokes.running], this._colours.warn);
     }
-    if (strokes.closing) {
+    if (strokes.closing?.closed_m) {
       this._line([[0, 0, 0], ...strokes.closing.closed_m], this._colours.good);
     }
     for (const { at, sigma } of strokes.stops) {

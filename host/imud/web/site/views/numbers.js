@@ -177,12 +177,7 @@ export class Numbers {
       this._stroke.show(UNKNOWN, stroke.advice ?? end.replace("_", " "));
       return;
     }
-    const length = Math.hypot(...moved);
-    // The error along the stroke.
-    const along = moved.map((/** @type {number} */ part, /** @type {number} */ axis) => {
-      return (part * (errors?.[axis] ?? NaN)) / Math.max(length, 1e-9);
-    });
-    const error = Math.hypot(...along);
+    const [length, error] = alongOf(moved, errors);
     if (end === "running") {
       // What is hardly known yet says nothing.
       const isKnown = error < 0.2 * length;
@@ -193,7 +188,8 @@ export class Numbers {
   }
 
   /**
-   * How far a closed path is off, and what its strokes' errors explain of that.
+   * How far a closed path is off, and what its strokes' errors explain of that; of one
+   * there and back how far it went.
    * @param {Line | null} closing
    */
   _closed(closing) {
@@ -203,7 +199,15 @@ export class Numbers {
     }
     const off = 1000 * Math.hypot(...closing.off_m);
     const explained = 1000 * SIGMAS * Math.hypot(...closing.off_sigma_m);
-    this._closure.show(fixed(off, 1, 7), `95 %: ±${fixed(explained, 1)} mm`);
+    let words = `95 %: ±${fixed(explained, 1)} mm`;
+    const { strokes, closed_m: places, closed_sigma_m: errors } = closing;
+    if (!places) {
+      words += "; it did not return, or a stroke is wrong";
+    } else if (strokes === 2) {
+      const [length, error] = alongOf(places[0], errors[0]);
+      words += `; there ${fixed(1000 * length, 1)} ±${fixed(1000 * error, 1)} mm`;
+    }
+    this._closure.show(fixed(off, 1, 7), words);
     mark(this._closure.row, "data-kind", closing.is_explained ? false : "warn");
   }
 
@@ -236,4 +240,17 @@ export class Numbers {
     this._radio.show(equipment?.radio?.state ?? null);
     this._card.show(equipment?.card?.state ?? null);
   }
+}
+
+/**
+ * The length of a displacement, and the error along it.
+ * @param {number[]} moved
+ * @param {number[] | null} errors of each axis
+ */
+function alongOf(moved, errors) {
+  const length = Math.hypot(...moved);
+  const along = moved.map((part, axis) => {
+    return (part * (errors?.[axis] ?? NaN)) / Math.max(length, 1e-9);
+  });
+  return [length, Math.hypot(...along)];
 }
