@@ -5,14 +5,16 @@ oscdump, and mosquitto with a client that notes everything.
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import shutil
 import socket
 import subprocess
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import paho.mqtt.client as mqtt
 
@@ -71,27 +73,11 @@ class Receiver:
     def hear(self) -> bytes:
         return self._socket.recv(65536)
 
-    def is_quiet(self) -> bool:
-        """Whether nothing has come. What this process sent has come at once."""
-        self._socket.setblocking(False)
-        try:
-            return not self._socket.recv(65536)
-        except BlockingIOError:
-            return True
-        finally:
-            self._socket.settimeout(PATIENCE_S)
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()
-
-
-class Published(NamedTuple):
-    topic: str
-    text: str
-    is_retained: bool
 
 
 class Broker:
@@ -132,11 +118,9 @@ class Follower:
     """A client that gets all there is, of paho's."""
 
     def __init__(self, broker: Broker) -> None:
-        self.heard: queue.Queue[Published] = queue.Queue()
+        self.heard: queue.Queue[mqtt.MQTTMessage] = queue.Queue()
         self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
-        self._client.on_message = lambda _, __, message: self.heard.put(
-            Published(message.topic, message.payload.decode(), message.retain)
-        )
+        self._client.on_message = lambda _, __, message: self.heard.put(message)
         ready = threading.Event()
         self._client.on_subscribe = lambda *_: ready.set()
         self._client.connect(broker.host, broker.port)
@@ -144,10 +128,19 @@ class Follower:
         self._client.loop_start()
         ready.wait()
 
-    def hear(self, topic: str) -> Published:
+    def hear(self, topic: str) -> mqtt.MQTTMessage:
         while (found := self.heard.get()).topic != topic:
             pass
         return found
+
+    def hear_while(self, act: Callable[[], object], topic: str, payload: bytes) -> None:
+        """Until that comes, does so again and again."""
+        while True:
+            act()
+            with contextlib.suppress(queue.Empty):
+                found = self.heard.get(timeout=0.02)
+                if (found.topic, found.payload) == (topic, payload):
+                    return
 
     def __enter__(self) -> Self:
         return self

@@ -40,14 +40,10 @@ class Clock:
 
     def at(self, t_ns: int) -> tuple[float, float]:
         """The time in LSL's clock, and its bound in us."""
-        readings = []
-        for _ in range(3):
-            before = self._lsl.local_clock()
-            utc_ns = time.time_ns()
-            width = self._lsl.local_clock() - before
-            readings.append((width, before + width / 2, utc_ns))
-        width, now, utc_ns = min(readings)
-        return now + (t_ns - utc_ns) / 1e9, width / 2 * 1e6
+        before = self._lsl.local_clock()
+        utc_ns = time.time_ns()
+        half = (self._lsl.local_clock() - before) / 2
+        return before + half + (t_ns - utc_ns) / 1e9, half * 1e6
 
     def bound_us(self, pose: Pose, own_us: float) -> float:
         """Of a sample: the probe's clock, then those of two hosts. NaN: not known."""

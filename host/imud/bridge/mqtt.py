@@ -22,6 +22,7 @@ from imud.rotation import angles_deg, matrix_rows
 from imud.text_file import read_text
 
 RETRY_S = (1, 30)  # between tries to reach the broker
+KEEPALIVE_S = 15  # a broker that hangs is left after twice this
 VALUES = ("tilt_deg", "tilt_sigma_deg", "heading_deg", "heading_sigma_deg")
 # By key of the state: name, unit, device class.
 SENSORS = {
@@ -46,15 +47,20 @@ class MqttOutput(Output):
         self.rate_hz = settings.rate_hz
         self._published: dict[str, str] = {}  # by topic, since the connection
         self._states: dict[str, dict[str, Any]] = {}  # by probe
-        self._trouble = ""
+        self._kept: set[str] = set()  # topics of a bridge before this one
+        self._trouble = "not connected yet"
         self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
         self._client.on_connect = self._on_connect
         self._client.on_disconnect = self._on_disconnect
-        self._client.on_connect_fail = lambda *_: self._tell("no broker answers there")
+        more = ", or its certificate is unknown: set ca_file" if settings.tls else ""
+        silence = f"no broker answers there{more}"
+        self._client.on_connect_fail = lambda *_: self._tell(silence)
+        self._client.on_message = lambda _, __, message: self._kept.add(message.topic)
         self._client.will_set(f"{settings.topic}/availability", OFFLINE, 1, retain=True)
         self._client.reconnect_delay_set(*RETRY_S)
         self._log_in()
-        self._client.connect_async(*(host_and_port(settings.to) or ("", 0)))
+        address = host_and_port(settings.to) or ("", 0)
+        self._client.connect_async(*address, KEEPALIVE_S)
         self._client.loop_start()
 
     def _log_in(self) -> None:
@@ -79,17 +85,19 @@ class MqttOutput(Output):
             return self._tell(f"{code}: check [mqtt] user and password_file")
         self._tell("")
         self._published = {}  # the broker may have forgotten it
+        self._client.subscribe(f"{self._settings.topic}/+/availability")
         return None
 
     def _on_disconnect(self, _: Any, __: Any, ___: Any, code: Any, ____: Any) -> None:
-        if code.is_failure:
+        if code.is_failure and not self._trouble:
             self._tell(f"connection lost: {code}; trying again")
 
     def _tell(self, trouble: str) -> None:
         if trouble != self._trouble:
             self._trouble = trouble
+            level = logging.WARNING if trouble else logging.INFO
             words = trouble or "connected"
-            logger.warning("mqtt: %s: %s", self._settings.to, words)
+            logger.log(level, "mqtt: %s: %s", self._settings.to, words)
 
     def pose(self, pose: Pose) -> None:
         state = self._states.get(pose.probe)
@@ -125,6 +133,9 @@ class MqttOutput(Output):
         self._put_state(status.probe)
 
     def tick(self) -> None:
+        known = {f"{self._of(probe)}/availability" for probe in self._states}
+        for place in self._kept.copy() - known:  # of a probe that has not come back
+            self._put(place, OFFLINE)
         self._put(f"{self._settings.topic}/availability", ONLINE)
 
     def _announce(self, status: Status, *, has_battery: bool) -> None:

@@ -27,8 +27,6 @@ class OscOutput(Output):
         parts: dict[str, tuple[float | str, ...]] = {}
         if stated.tilt_sigma_deg is not None:
             yaw, pitch, roll = pose.angles(self._settings.angles)
-            if self._settings.angles == "nectec":  # there roll is the heading
-                yaw, roll = roll, yaw
             level = {"pitch": (pitch,), "roll": (roll,)}
             parts |= {**level, "sigma/tilt": (stated.tilt_sigma_deg,)}
             if stated.q is not None:

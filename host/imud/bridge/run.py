@@ -5,6 +5,7 @@ slow loses only its own messages, which are counted.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import signal
@@ -18,7 +19,6 @@ from imud.bridge.output import AWAY, Output
 from imud.client import Body, Event, Mark, Pose, Status, Subscription, subscribe
 from imud.client.published import Published
 from imud.config.settings import Config
-from imud.errors import ImudError
 from imud.journal.output import journal_on_stderr
 
 # By name: the module of an output, and its class there.
@@ -85,9 +85,6 @@ class Runner:
         except BaseException as fault:  # noqa: BLE001 - raised again in the main thread
             self.fault = fault
             stop.set()
-        finally:
-            self._output.close()
-            self._subscription.close()
 
     def take(self, message: Published, now_s: float) -> None:
         output = self._output
@@ -97,7 +94,7 @@ class Runner:
                     output.pose(message)
                     self.sent += 1
             case Status():
-                self._statuses[message.probe] = message
+                self._statuses[message.probe_id] = message
                 output.status(message)
             case Event():
                 output.event(message)
@@ -141,38 +138,29 @@ def _run(names: Sequence[str], config: Config, seconds: float | None) -> int:
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    keys = config.bridge.keys or None
-    runners: list[Runner] = []
-    try:
+    source = config.bridge
+    with contextlib.ExitStack() as stack:
+        runners, threads = [], []
         for name in names:
             output = opened(name, config)
-            try:
-                subscription: Subscription[Published] = subscribe(
-                    topics=output.topics,
-                    endpoint=config.bridge.connect,
-                    prefix=config.zenoh.prefix,
-                    keys=keys,
-                )
-            except ImudError:
-                output.close()
-                raise
-            runners.append(Runner(name, output, subscription))
-    except ImudError:
+            stack.callback(output.close)
+            told: Subscription[Published] = subscribe(
+                topics=output.topics,
+                endpoint=source.connect,
+                prefix=config.zenoh.prefix,
+                keys=source.keys or None,
+            )
+            runners.append(Runner(name, output, stack.enter_context(told)))
+        for runner in runners:
+            thread = threading.Thread(target=runner.run, args=(stop,), name=runner.name)
+            threads.append(thread)
+            thread.start()
+        logger.info("%s: from %s", ", ".join(names), source.connect)
+        stop.wait(seconds)
         stop.set()
-        for each in runners:
-            each.run(stop)
-        raise
-    threads = [
-        threading.Thread(target=each.run, args=(stop,), name=each.name)
-        for each in runners
-    ]
-    for thread in threads:
-        thread.start()
-    logger.info("%s: from %s", ", ".join(names), config.bridge.connect)
-    stop.wait(seconds)
-    stop.set()
-    for thread, runner in zip(threads, runners, strict=True):
-        thread.join()
+        for thread in threads:
+            thread.join()
+    for runner in runners:
         if runner.fault is not None:
             raise runner.fault
         logger.info(runner.summary())

@@ -47,7 +47,7 @@ class VmcOutput(Output):
             self._place("Tra", pose.probe, tracker_rotation(quat))
 
     def body(self, body: Body) -> None:
-        self._calibration = CALIBRATION[body.stage]
+        self._calibration = CALIBRATION.get(body.stage, 0)
         bones = bones_of(body)
         for bone, rotation in bones.items():
             self._place("Bone", bone, rotation)

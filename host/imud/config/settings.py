@@ -296,44 +296,43 @@ class BridgeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = ""
 
 
+class _Bridged(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    enabled: Annotated[bool, Meta(description="run it with imud bridge all")] = False
+
+
 PoseRate = Annotated[
     float,
     Meta(ge=0, le=1000, description="most poses of a probe per second; 0: all"),
 ]
 RelativeHeading = Annotated[
     bool,
-    Meta(
-        description="also send orientations whose heading has no stated error: it is "
-        "relative, and may drift"
-    ),
+    Meta(description="also send orientations whose heading has no stated error"),
 ]
+Receiver = Annotated[str, Meta(description="HOST:PORT of the receiver")]
 
 
-class OscSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class OscSettings(_Bridged, frozen=True):
     """OSC over UDP, for TouchDesigner, Max and others."""
 
-    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
-    to: Annotated[str, Meta(description="HOST:PORT of the receiver")] = OSC
+    to: Receiver = OSC
     rate_hz: PoseRate = 0.0
     angles: Annotated[
-        Literal["aerospace", "nautical", "nectec"], Meta(description="of yaw and roll")
+        Literal["aerospace", "nautical"], Meta(description="convention of yaw and roll")
     ] = "nautical"
     relative_heading: RelativeHeading = False
 
 
-class VmcSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class VmcSettings(_Bridged, frozen=True):
     """The protocol of Virtual Motion Capture: bodies as bones, probes as trackers."""
 
-    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
-    to: Annotated[str, Meta(description="HOST:PORT of the receiver")] = VMC
+    to: Receiver = VMC
     rate_hz: PoseRate = 60.0
     relative_heading: RelativeHeading = False
 
 
-class LslSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class LslSettings(_Bridged, frozen=True):
     """Streams of the Lab Streaming Layer, one a probe, and their markers."""
 
-    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
     scope: Annotated[
         Literal["machine", "network"],
         Meta(description="who can find the streams; LSL has no users"),
@@ -341,10 +340,9 @@ class LslSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     relative_heading: RelativeHeading = False
 
 
-class MqttSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class MqttSettings(_Bridged, frozen=True):
     """An MQTT broker, with discovery by Home Assistant."""
 
-    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
     to: Annotated[str, Meta(description="HOST:PORT of the broker")] = MQTT
     tls: Annotated[bool, Meta(description="encrypt; port 8883 at most brokers")] = False
     ca_file: Annotated[
@@ -366,11 +364,10 @@ class MqttSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = 1
 
 
-class MavlinkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class MavlinkSettings(_Bridged, frozen=True):
     """MAVLink 2 over UDP: HEARTBEAT and ATTITUDE_QUATERNION_COV."""
 
-    enabled: Annotated[bool, Meta(description="send it from imud bridge all")] = False
-    to: Annotated[str, Meta(description="HOST:PORT of the receiver")] = MAVLINK
+    to: Receiver = MAVLINK
     rate_hz: PoseRate = 50.0
     system: Annotated[int, Meta(ge=1, le=170, description="id of the system")] = 1
     relative_heading: RelativeHeading = False

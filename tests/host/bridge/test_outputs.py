@@ -8,14 +8,15 @@ from __future__ import annotations
 import json
 import logging
 import math
+import secrets
 import select
 import subprocess
 import sys
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
-import pylsl
 import pytest
 from pymavlink.dialects.v20 import common
 from pythonosc.osc_bundle import OscBundle
@@ -39,6 +40,7 @@ from imud.bridge.mqtt import MqttOutput
 from imud.bridge.osc import OscOutput
 from imud.bridge.output import AWAY
 from imud.bridge.vmc import VmcOutput, bones_of
+from imud.cli import main
 from imud.client import Body, Event, Mark, Segment
 from imud.config.settings import (
     LslSettings,
@@ -87,21 +89,10 @@ def test_oscdump_prints_each_part_of_a_pose_at_its_address() -> None:
     parts = {address: text.split() for _, address, text in said}
     q = [float(each) for each in parts["/imud/stylus/q"][1:]]
     assert q == pytest.approx(sent.q, abs=1e-6)
-    yaw, pitch, roll = sent.angles("nautical")
-    for name, value in {
-        "yaw": yaw,
-        "pitch": pitch,
-        "roll": roll,
-        "sigma/tilt": 0.37,
-        "sigma/heading": 1.25,
-    }.items():
+    names = ("yaw", "pitch", "roll", "sigma/tilt", "sigma/heading")
+    for name, value in zip(names, (*sent.angles("nautical"), 0.37, 1.25), strict=True):
         assert float(parts[f"/imud/stylus/{name}"][1]) == pytest.approx(value, abs=1e-5)
-    assert parts["/imud/stylus/position"] == [
-        "fff",
-        "0.250000",
-        "0.000000",
-        "-0.500000",
-    ]
+    assert parts["/imud/stylus/position"][1:] == ["0.250000", "0.000000", "-0.500000"]
     # The time tag is that of the sample, in seconds since 1900 and a fraction.
     seconds, fraction = (int(each, 16) for each in said[0][0].split("."))
     tagged_s = seconds - 2_208_988_800 + fraction / 2**32
@@ -237,7 +228,12 @@ def test_vmc_says_whether_the_tracking_is_good() -> None:
         output.close()
 
 
-def inlet_of(source: str) -> pylsl.StreamInlet:
+def event(name: str) -> Event:
+    head = {"probe": "stylus", "seq": 1, "number": 1, "missing": 0, "t_device_us": 1}
+    return Event(**head, t_ns=time.time_ns(), event=name, cause="button", detail=0)
+
+
+def inlet_of(pylsl: Any, source: str) -> Any:
     found: list[Any] = []
     while not found:
         found = pylsl.resolve_byprop("source_id", source, timeout=10.0)
@@ -247,23 +243,25 @@ def inlet_of(source: str) -> pylsl.StreamInlet:
 
 
 def test_an_inlet_of_lsl_gets_poses_at_their_time_and_markers() -> None:
+    pylsl = pytest.importorskip("pylsl")
+    own = secrets.token_hex(8)  # others may run this on the same machine
     output = LslOutput(LslSettings())
     try:
         output.pose(pose())  # before its status: it has no stream
-        output.status(status())
-        poses, markers = inlet_of(f"imud-{ID}"), inlet_of(f"imud-{ID}-markers")
+        output.status(status(probe_id=own))
+        poses = inlet_of(pylsl, f"imud-{own}")
+        markers = inlet_of(pylsl, f"imud-{own}-markers")
         info = poses.info()
         assert (info.name(), info.type(), info.nominal_srate()) == (
             "stylus",
             "MoCap",
-            100.0,
+            100,
         )
         channels = info.desc().child("channels")
         channel, read = channels.child("channel"), []
         while channel.name():
-            read.append(
-                tuple(channel.child_value(key) for key in ("label", "unit", "type"))
-            )
+            about = (channel.child_value(key) for key in ("label", "unit", "type"))
+            read.append(tuple(about))
             channel = channel.next_sibling()
         assert read == [*CHANNELS]
         before_s, sent = pylsl.local_clock(), pose(utc_host=output._clock._host.host)
@@ -284,22 +282,12 @@ def test_an_inlet_of_lsl_gets_poses_at_their_time_and_markers() -> None:
         }
         withheld = {"q_w", "q_x", "q_y", "q_z", "yaw", "heading_sigma", "time_bound"}
         assert absent == withheld | {"tip_x", "tip_y", "tip_z"}
-        numbered = {"probe": "stylus", "seq": 1, "number": 1, "missing": 0}
         for name in ("button_pressed", "tared"):
-            output.event(
-                Event(
-                    **numbered,
-                    t_device_us=1,
-                    t_ns=time.time_ns(),
-                    event=name,
-                    cause="button",
-                    detail=0,
-                )
-            )
+            output.event(event(name))
         blank = {name: None for name in Mark.__struct_fields__}
         of = {"probe": "stylus", "t_ns": time.time_ns(), "state": "new"}
         output.mark(Mark(**blank | of | {"value": 0.42, "unit": "N", "text": "again"}))
-        output.status(status("gone"))
+        output.status(status("gone", probe_id=own))
         said = [markers.pull_sample()[0][0] for _ in range(3)]
         assert said == ["button_pressed", "mark new 0.42 N again", "state gone"]
     finally:
@@ -315,12 +303,10 @@ def test_home_assistant_finds_a_probe_and_a_broker_that_comes_back_is_told(
         output = MqttOutput(MqttSettings(to=to, digits=2))
         try:
             with Follower(broker) as home:
-                while home.heard.empty():
-                    output.tick()
-                assert home.hear("imud/availability").text == "online"
+                home.hear_while(output.tick, "imud/availability", b"online")
                 output.status(status(equipment={"battery_v": 3.9}))
                 place = f"homeassistant/sensor/imud_{ID}/heading_deg/config"
-                found = json.loads(home.hear(place).text)
+                found = json.loads(home.hear(place).payload)
                 assert found["value_template"] == "{{ value_json.heading_deg }}"
                 assert found["unit_of_measurement"] == "°"
                 assert [each["topic"] for each in found["availability"]] == [
@@ -332,7 +318,7 @@ def test_home_assistant_finds_a_probe_and_a_broker_that_comes_back_is_told(
                     output.pose(pose())
                 output.pose(pose(**WITHHELD))
                 first, second = (
-                    json.loads(home.hear("imud/stylus/state").text) for _ in range(2)
+                    json.loads(home.hear("imud/stylus/state").payload) for _ in range(2)
                 )
                 yaw = pose().angles("aerospace").yaw_deg % 360
                 assert first["heading_deg"] == round(yaw, 2)
@@ -343,8 +329,8 @@ def test_home_assistant_finds_a_probe_and_a_broker_that_comes_back_is_told(
                 )
                 assert second["tilt_deg"] == first["tilt_deg"]
                 output.status(status("gone"))
-                assert home.hear("imud/stylus/availability").text == "offline"
-                gone = json.loads(home.hear("imud/stylus/state").text)
+                assert home.hear("imud/stylus/availability").payload == b"offline"
+                gone = json.loads(home.hear("imud/stylus/state").payload)
                 assert (gone["tilt_deg"], gone["state"]) == (None, "gone")
             broker.stop()
             while output._client.is_connected():
@@ -352,36 +338,53 @@ def test_home_assistant_finds_a_probe_and_a_broker_that_comes_back_is_told(
             output.pose(pose())  # nobody keeps it
             broker.start()
             with Follower(broker) as home:
-                while home.heard.empty():
-                    output.status(status())
-                assert home.hear("imud/stylus/availability").text == "online"
+                now = partial(output.status, status())
+                home.hear_while(now, "imud/stylus/availability", b"online")
         finally:
             output.close()
         with Follower(broker) as home:
             last = home.hear("imud/availability")
-            assert (last.text, last.is_retained) == ("offline", True)
+            assert (last.payload, last.retain) == (b"offline", True)
+        output = MqttOutput(MqttSettings(to=to))
+        with Follower(broker) as home:  # the next bridge does not know the probe
+            home.hear_while(output.tick, "imud/stylus/availability", b"offline")
+        output.close()
 
 
 @needs_mosquitto
-def test_a_broker_that_refuses_a_user_is_told_of(
+@pytest.mark.filterwarnings(
+    "ignore:Exception ignored in. <ssl.SSLSocket"  # paho's, of a failed handshake
+)
+def test_a_broker_is_trusted_by_its_certificate_and_admits_a_user_by_password(
     tmp_path: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (tmp_path / "users").write_text("")
-    (tmp_path / "secret").write_text("wrong\n")
-    lines = ("allow_anonymous false", f"password_file {tmp_path / 'users'}")
+    keys = tmp_path / "keys"
+    assert main(["keys", "init", str(keys), "--name", "127.0.0.1"]) == 0
+    files = (tmp_path / "users", tmp_path / "wrong", tmp_path / "right")
+    users, wrong, right = map(str, files)
+    files[0].write_text("anna:secret\n")
+    files[1].write_text("guess\n")
+    files[2].write_text("secret\n")
+    subprocess.run(["mosquitto_passwd", "-U", users], check=True)  # hashes it
+    lines = ("allow_anonymous false", f"password_file {users}")
+    lines += (f"certfile {keys / 'server.pem'}", f"keyfile {keys / 'server.key'}")
+    caplog.set_level(logging.INFO, "imud")
     with Broker(tmp_path, *lines) as broker:
-        settings = MqttSettings(
-            to=f"{broker.host}:{broker.port}",
-            user="anna",
-            password_file=str(tmp_path / "secret"),
-        )
-        output = MqttOutput(settings)
-        while not caplog.messages:
-            time.sleep(0.01)
-        output.close()
-    assert caplog.messages[0].endswith(
-        "Not authorized: check [mqtt] user and password_file"
-    )
+        for ca_file, password, said in (
+            ("", right, "its certificate is unknown: set ca_file"),
+            (str(keys / "ca.pem"), wrong, "Not authorized: check [mqtt] user and "),
+            (str(keys / "ca.pem"), right, "connected"),
+        ):
+            caplog.clear()
+            to = f"{broker.host}:{broker.port}"
+            secured = MqttSettings(
+                to=to, tls=True, ca_file=ca_file, user="anna", password_file=password
+            )
+            output = MqttOutput(secured)
+            while not caplog.messages:
+                time.sleep(0.01)
+            output.close()
+            assert said in caplog.messages[0]
 
 
 def test_the_parser_of_mavlink_reads_attitude_covariance_and_heartbeat() -> None:
@@ -395,9 +398,8 @@ def test_the_parser_of_mavlink_reads_attitude_covariance_and_heartbeat() -> None
 
         output.pose(pose(**WITHHELD))
         output.status(status("gone"))
-        assert receiver.is_quiet()
         output.status(status())
-        beat = heard()
+        beat = heard()  # the first of all
         assert (beat.get_type(), beat.type) == ("HEARTBEAT", common.MAV_TYPE_IMU)
         assert beat.system_status == common.MAV_STATE_ACTIVE
         assert (beat.get_srcSystem(), beat.get_srcComponent()) == (1, 200)
