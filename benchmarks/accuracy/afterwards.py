@@ -105,6 +105,7 @@ def outcome_of(
     known = np.isfinite(turned)
     turned, sigma = turned[known], joined("change_deg")[moving][known]
     change = np.degrees(np.angle(np.exp(1j * np.radians(turned - turned[0]))))
+    stated = np.isfinite(sigma)
     found = audited(feed, motion, times_s, quats)
     return Outcome(
         group,
@@ -112,12 +113,18 @@ def outcome_of(
         scoring.score_at(other.times_s - delay_s, other.quats, motion),
         scoring.coverage_at(mine, motion),
         float(np.sqrt((change**2).mean())),
-        float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else math.nan,
-        float((np.abs(change) < SIGMAS * sigma).mean()),
+        float(np.median(sigma[stated])) if stated.any() else math.nan,
+        _inside(change[stated], sigma[stated]),
         any(part.doubts for part in parts),
         *found,
         spent_s * 60.0 / (len(recording.gyr) / recording.rate_hz),
     )
+
+
+def _inside(errors: FloatArray, sigmas: FloatArray) -> float:
+    """The share of errors inside the stated 95 %; NaN without any."""
+    is_inside = np.abs(errors) < SIGMAS * sigmas
+    return float(is_inside.mean()) if len(errors) else math.nan
 
 
 def audited(

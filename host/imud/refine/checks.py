@@ -23,6 +23,10 @@ UNSEEN_DEG = 0.06  # deg/sqrt(s): turning that the gyroscope did not see
 SPEED_M_S, PLACE_M = 60.0, 10_000.0  # rms
 BELIEVED = 0.5  # share of the magnetometer's readings
 FAR_SIGMAS = 3.0  # of a reading that is not believed, and of a prior
+# Sigmas between estimates by the first and by the second half, where they meet. Noise
+# stands for much in the model: 99 % of sound recordings are within 1.4 and 0.6.
+TILTS_APART, HEADINGS_APART = 1.8, 1.2
+RESTS_OFF = 3.0  # sigmas: sound recordings have 1.7 and less
 VARIED_DEG = 60.0  # from the first attitude, where the magnetometer is not calibrated
 OWN_KNOWN_UT = 1.0
 ELSEWHERE_DEG = 5.0  # between the fields at the first rest and on the way
@@ -34,6 +38,7 @@ class Doubt:
 
     words: str
     is_of_all: bool = False  # tilt, too, not the heading alone
+    is_of_changes: bool = False  # of the heading
 
 
 def doubts_of(window: Window) -> tuple[Doubt, ...]:
@@ -52,6 +57,17 @@ def _of_all(window: Window) -> Iterator[Doubt]:
             f"it turned by {unseen:.2f} deg/sqrt(s) that the gyroscope did not see",
             True,
         )
+    apart, sigma = window.halves_apart()
+    tilt, heading = math.hypot(*apart[:2]), abs(apart[2])
+    words = "before and after its middle differ by"
+    if tilt > TILTS_APART * math.hypot(*sigma[:2]):
+        yield Doubt(f"its tilts {words} {math.degrees(tilt):.0f} deg", True)
+    if heading > HEADINGS_APART * sigma[2] and window.recording.has_mag.any():
+        angle = f"{math.degrees(heading):.0f} deg"
+        yield Doubt(f"its headings {words} {angle}", is_of_changes=True)
+    if (off := window.rests_off()) > RESTS_OFF:
+        words = f"a rest's rates are {off:.0f} sigmas from what all else tells of them"
+        yield Doubt(words, True)
     states = window.estimate.states
     speed, place = (
         math.sqrt((states[:, of] ** 2).sum(axis=1).mean()) for of in (SPEED, PLACE)
@@ -81,7 +97,8 @@ def _of_heading(window: Window) -> Iterator[Doubt]:
         if math.hypot(off_by(window, MAG), own / priors.own) > FAR_SIGMAS:
             yield Doubt(
                 "the magnetometer's calibration does not fit, or the field where it "
-                "lay first is not that of the place"
+                "lay first is not that of the place",
+                is_of_changes=True,
             )
     elif (varied := varied_deg(window)) < VARIED_DEG:
         yield Doubt(

@@ -24,7 +24,7 @@ from imud.refine.window import Before, Window
 WIDE = ((1.0, 1.0, 1.0), (1.0, 1.0, 10.0), (10.0, 30.0, 1.0), (100.0, 3000.0, 1.0))
 UNSEEN = math.radians(0.008)  # rad/sqrt(s) rms: less is no more than a chip's noise
 LESS = 2.0  # a wider prior has to explain so much more
-CONTRADICTED, WIDER = 3.0, 3.0  # sigmas of a prior, and its factor then
+CONTRADICTED, WIDER = 2.4, 3.0  # sigmas of a prior, and its factor then
 
 Told = Callable[[float], None]
 

@@ -13,8 +13,20 @@ import numpy as np
 
 from imud import rotation
 from imud.refine.checks import OWN_KNOWN_UT, Doubt, doubts_of, doubts_of_readings
-from imud.refine.model import FIELD, TURN, BoolArray, Estimate, Priors, Recording
-from imud.refine.reach import searched
+from imud.refine.model import (
+    ACC,
+    ACC_BIAS,
+    FIELD,
+    GYR,
+    MAG,
+    OWN,
+    TURN,
+    BoolArray,
+    Estimate,
+    Priors,
+    Recording,
+)
+from imud.refine.reach import off_by, searched
 from imud.refine.strapdown import course_of
 from imud.refine.window import Before, Window
 from imud.rotation import FloatArray
@@ -26,9 +38,13 @@ FADE_S = 30.0  # in which a window takes over from the one before it
 # for a magnetometer that is not calibrated in a room whose field is uneven.
 TILT_LEAST_DEG, TILT_SHARE = 0.1, 1.25
 FAR_SHARE, UNKNOWN_SHARE = 1.4, 1.4
+# How far sound sensors are from their calibrations, in sigmas of these, on nine tenths
+# of the recordings and more.
+USUAL_SIGMAS = (2.5, 2.0, 1.25)
+RESTLESS_SHARE = 1.5  # and where no rest tells level and bias
 # Of changes of the heading: the gyroscope's noise in the model is ten times a chip's,
 # since it stands for what has no place there.
-CHANGE_SHARE = 0.6
+CHANGE_SHARE = 0.7
 HAND_M_S = 1.0
 FIELD_LEAST_UT = 5.0  # the earth's is 25 and more
 NUMBER_MOST = 1e5  # rad/s, m/s2 or uT: no sensor reads that
@@ -144,7 +160,9 @@ def _faded(
         heading, change = np.hypot(heading, about_up), np.hypot(change, about_up)
     doubts = doubts_of(window)
     if any(each.is_of_all for each in doubts):
-        tilt = change = np.full(len(quats), np.nan)
+        tilt = np.full(len(quats), np.nan)
+    if any(each.is_of_all or each.is_of_changes for each in doubts):
+        change = np.full(len(quats), np.nan)
     if doubts:
         heading = np.full(len(quats), np.nan)
     is_rest = np.repeat(window.is_rest, recording.each)[: len(quats)]
@@ -174,16 +192,34 @@ class FirstPose:
         return np.maximum(found, 0.0)
 
 
+def _surprises(window: Window) -> tuple[float, float, float]:
+    """Factors of what is stated, where a sensor is farther from its calibration than it
+    said: accelerometer, gyroscope, magnetometer.
+    """
+    own = float(np.abs(window.estimate.states[0, OWN]).max()) / window.priors.own
+    off = (
+        math.hypot(off_by(window, ACC), off_by(window, ACC_BIAS)),
+        off_by(window, GYR),
+        math.hypot(off_by(window, MAG), own),
+    )
+    acc, gyr, mag = (max(1.0, a / b) for a, b in zip(off, USUAL_SIGMAS, strict=True))
+    return acc, gyr, mag
+
+
 def _sigmas(window: Window, keep: int, first: FirstPose) -> FloatArray:
     """Of tilt, heading and its changes, in degrees, for the first `keep` intervals."""
     variances = np.diagonal(window.solution.covariances(), axis1=1, axis2=2)
     priors = window.priors
-    share = TILT_SHARE * (FAR_SHARE if priors.speed > HAND_M_S else 1.0)
-    level = share * np.degrees(np.sqrt(variances[:, TURN][:, :2].mean(axis=1)))
+    share = FAR_SHARE if priors.speed > HAND_M_S else 1.0
+    if window.before is None and not window.is_rest.any():
+        share *= RESTLESS_SHARE
+    acc, gyr, mag = _surprises(window)
+    level = np.degrees(np.sqrt(variances[:, TURN][:, :2].mean(axis=1)))
+    level *= TILT_SHARE * share * max(acc, gyr)
     heading = variances[:, UPRIGHT]
-    change = CHANGE_SHARE * np.sqrt(first.changes(window, keep, heading))
-    if priors.own > OWN_KNOWN_UT:
-        heading = heading * UNKNOWN_SHARE**2
+    change = np.sqrt(first.changes(window, keep, heading))
+    change *= CHANGE_SHARE * share * gyr
+    heading = heading * (mag if priors.own <= OWN_KNOWN_UT else UNKNOWN_SHARE) ** 2
     each = window.recording.each
     at = (np.arange(keep * each) + 1.0) / each
     nodes = np.arange(len(variances))

@@ -40,6 +40,7 @@ SMALL_STEP = math.radians(0.01)
 PIECE = 512  # intervals whose equations are in memory at once
 # A rest whose field is as long and as steep as that of the first one is in its place.
 SAME_UT, NEAR_UT, REST_S, BEGIN_S = 0.7, 3.0, 1.5, 15.0
+LEFT_OUT_S = 1.0  # rests that are predicted by all others last longer
 SETTLED_ROUND = 2  # from which on fields are known well enough to compare
 
 
@@ -126,21 +127,24 @@ class Window:
     def share_done(self) -> float:
         return (self.round + 1) / ROUNDS
 
-    def _equations(self, count: int) -> Equations:
-        """Those of the first `count` intervals."""
-        found = Equations(count)
-        for start in range(0, count, PIECE):
+    def _equations(
+        self, count: int, begin: int = 0, is_rest: BoolArray | None = None
+    ) -> Equations:
+        """Those of the intervals from `begin` to before `count`."""
+        found = Equations(count - begin)
+        for start in range(begin, count, PIECE):
             some = slice(start, min(start + PIECE, count))
-            found.add(self.intervals(some).rows(), start)
+            found.add(self.intervals(some, is_rest).rows(), start - begin)
         return found
 
-    def intervals(self, some: slice) -> Intervals:
+    def intervals(self, some: slice, is_rest: BoolArray | None = None) -> Intervals:
+        """Those of `some`; `is_rest`: where it is not to be that of the window."""
         return Intervals.of(
             self.recording,
             self.priors,
             self.estimate,
             self.course,
-            self.is_rest,
+            self.is_rest if is_rest is None else is_rest,
             self.round,
             some,
         )
@@ -157,37 +161,86 @@ class Window:
             marginal(equations),
         )
 
+    def halves_apart(self) -> tuple[FloatArray, FloatArray]:
+        """By how much the two halves of a search that is over differ where they meet,
+        turns about east, north and up, and the one-sigma error of that.
+        """
+        seam = self.recording.count // 2
+        first = self._equations(seam)
+        self._add_known(first)
+        second = self._equations(self.recording.count, seam)
+        for node in self.same_place():
+            if seam <= node < self.recording.count:
+                self._add_north(second, node, node - seam)
+        self._add_priors(second)
+        ahead, back = first.solved(), second.solved()
+        variances = ahead.covariances()[-1] + back.covariances()[0]
+        apart = ahead.step[-1, TURN] - back.step[0, TURN]
+        return apart, np.sqrt(np.diag(variances)[TURN])
+
+    def rests_off(self) -> float:
+        """The largest difference between the gyroscope's bias as a rest shows it and
+        as all else does, in sigmas of that; 0 with fewer than two rests.
+        """
+        rests = [
+            (start, end)
+            for start, end in stretches(self.is_rest)
+            if (end - start) * self.recording.node_s > LEFT_OUT_S
+        ]
+        most = 0.0
+        for out in (rests[::2], rests[1::2]) if len(rests) > 1 else ():
+            is_rest = self.is_rest.copy()
+            for start, end in out:
+                is_rest[start:end] = False
+            equations = self._equations(self.recording.count, is_rest=is_rest)
+            self._add_known(equations)
+            others = equations.solved()
+            variances = np.diagonal(others.covariances(), axis1=1, axis2=2)
+            at = [(start + end) // 2 for start, end in out]
+            off = np.abs(others.step[at, BIAS]) / np.sqrt(variances[at, BIAS])
+            most = max(most, float(off.max()))
+        return most
+
     def _add_known(self, equations: Equations) -> None:
         """What is known beforehand, and rests in the same place."""
         for node in self.same_place():
             if node < len(equations.below):
-                self._add_north(equations, node)
+                self._add_north(equations, node, node)
         if self.before is not None:
             known = self.before.known
             right = known.right + known.matrix @ self.before.away(self.estimate)
             equations.add_sums(0, known.matrix, right)
             return
+        self._add_priors(equations, self.estimate.states[0])
+
+    def _add_priors(
+        self, equations: Equations, state: FloatArray | None = None
+    ) -> None:
+        """Of what holds for all, and of the first node. Without its state nothing is
+        taken to be wrong there.
+        """
         away, sigma = prior_of_whole(self.estimate.whole, self.priors)
         equations.corner += np.diag(1.0 / sigma**2)
         equations.right_whole += away / sigma**2
         slopes = np.zeros((STATE, STATE + WHOLE))
         slopes[:, :STATE] = np.diag(self._begin_weights())
-        equations.add_at(0, slopes[:, :STATE] @ self.estimate.states[0], slopes)
+        state = np.zeros(STATE) if state is None else state
+        equations.add_at(0, slopes[:, :STATE] @ state, slopes)
 
     def _begin_weights(self) -> FloatArray:
         weights = np.full(STATE, 1e-4)
         weights[BIAS], weights[OWN] = 1.0 / self.priors.bias, 1.0 / self.priors.own
         return weights
 
-    def _add_north(self, equations: Equations, node: int) -> None:
-        """The field at a node is that of the place."""
+    def _add_north(self, equations: Equations, node: int, at: int) -> None:
+        """The field at a node is that of the place; `at`: its number there."""
         weight = 1.0 / self.priors.north
         slopes = np.zeros((3, STATE + WHOLE))
         slopes[:, FIELD] = weight * np.eye(3)
         shared = slice(STATE + NORTH.start, STATE + NORTH.stop)
         slopes[:, shared] = -weight * np.eye(3)[:, 1:]
         away = self.estimate.states[node, FIELD] - self.estimate.mean_field
-        equations.add_at(node, weight * away, slopes)
+        equations.add_at(at, weight * away, slopes)
 
     def same_place(self) -> list[int]:
         """The recording's first node, and nodes of rests that seem to be there, too."""

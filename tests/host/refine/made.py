@@ -23,16 +23,18 @@ def made(
     bias: FloatArray | None = None,
     own: FloatArray | None = None,
     walk_m: float = 0.0,
+    still_s: tuple[float, float] = (0.0, 0.0),
     seed: int = 1,
 ) -> tuple[Recording, FloatArray]:
     """It turns about all axes between two rests, and the attitudes at the ends of its
     samples. `bias`: of the gyroscope, rad/s; `own`: a magnet on the sensor, uT;
-    `walk_m`: to the north, by who carries it.
+    `walk_m`: to the north, by who carries it; `still_s`: a rest on the way.
     """
     random = np.random.default_rng(seed)
     count = round(seconds * RATE_HZ)
     at_s = (np.arange(count) + 0.5) / RATE_HZ
     is_moving = (at_s > 4.0) & (at_s < seconds - 4.0)
+    is_moving &= (at_s < still_s[0]) | (at_s > still_s[1])
     phases = np.stack([1.1 * at_s, 0.7 * at_s + 1.0, 0.5 * at_s + 2.0], axis=1)
     rates = np.where(is_moving[:, None], 1.5 * np.sin(2.0 * phases), 0.0)
     steps = rotation.from_rotation_vector(rates / RATE_HZ)

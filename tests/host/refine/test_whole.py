@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from host.refine.made import RATE_HZ, made, off_deg
+from host.refine.made import FIELD, RATE_HZ, made, off_deg
 from imud import rotation
 from imud.refine import whole
 from imud.refine.checks import doubts_of
@@ -125,6 +125,26 @@ def spoilt(name: str) -> tuple[Recording, Priors]:
     if name == "calibration does not fit":  # iron beside a calibrated one
         longer, _ = made(120.0)
         return replace(longer, mag=longer.mag * [1.1, 1.0, 0.9]), CALIBRATED
+    if name == "its headings before and after":  # the field turns amid it
+        longer, truth = made(60.0)
+        half = len(truth) // 2
+        turn = rotation.from_rotation_vector(np.radians([0.0, 0.0, 40.0]))
+        field = np.broadcast_to(rotation.rotate(turn, FIELD), (half, 3))
+        mag = longer.mag.copy()
+        is_read = np.isfinite(mag[half:, :1])
+        bent = rotation.rotate(rotation.inverse(truth[half:]), field)
+        mag[half:] = np.where(is_read, bent, np.nan)
+        return replace(longer, mag=mag), CALIBRATED
+    if name == "its tilts before and after":  # the accelerometer is knocked
+        longer, _ = made(60.0)
+        acc = longer.acc.copy()
+        acc[len(acc) // 2 :, 0] += 4.0
+        return replace(longer, acc=acc), SHOP
+    if name == "from what all else tells of them":  # the gyroscope is knocked
+        longer, _ = made(60.0, still_s=(28.0, 32.0))
+        gyr = longer.gyr.copy()
+        gyr[len(gyr) // 3 :, 0] += np.radians(3.0)
+        return replace(longer, gyr=gyr), CALIBRATED
     if name == "deg only":  # a module that is only carried
         still = 0.02 * np.sin(at_s)[:, None] * np.array([0.0, 0.0, 1.0])
         force = np.tile([0.0, 0.0, 9.81], (count, 1)) + 0.3 * np.sin(at_s)[:, None]
@@ -141,6 +161,9 @@ def spoilt(name: str) -> tuple[Recording, Priors]:
         ("no magnetometer reads a field", False),
         ("readings fit", False),
         ("calibration does not fit", False),
+        ("its headings before and after", False),
+        ("its tilts before and after", True),
+        ("from what all else tells of them", True),
         ("deg only", False),
     ],
 )
