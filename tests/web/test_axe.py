@@ -40,6 +40,7 @@ def complaints(page: Page, what: str) -> list[str]:
 
 # What brings the page into a state, and what it then has.
 STATES = {
+    "no limb": ("limb", "0", "[name=on-thigh]"),
     "streaming": ("probe", "0", ".numbers"),
     "refused": ("calibrate", "imud.view._guide.kind.value = 'tip'", ".guide"),
     "calibrating": ("calibrate", "imud.view._do('all')", "button:text('Cancel')"),

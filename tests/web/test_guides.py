@@ -88,8 +88,17 @@ def judged(shown: Seen, desk: Desk) -> str:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", choose(everyday=["all", "tip"], long=[*WELL]))
-def test_each_kind_comes_to_a_good_end(shown: Seen, desk: Desk, kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "width"),
+    choose(
+        everyday=[("all", 820), ("tip", 390)],
+        long=[*((kind, 1280) for kind in WELL), ("tip", 820), ("tip", 390)],
+    ),
+)
+def test_each_kind_comes_to_a_good_end(
+    shown: Seen, desk: Desk, kind: str, width: int
+) -> None:
+    shown.page.set_viewport_size({"width": width, "height": 800})
     made, words = WELL[kind]
     begin(shown, desk, kind, made())
     frames = shown.page.evaluate("imud.frames")

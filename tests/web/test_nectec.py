@@ -17,6 +17,7 @@ from playwright.sync_api import Browser, Page
 
 from fakes import PATIENCE_S, DaemonProcess, Forked, free_address
 from streaming import until
+from web.test_tasks import SIZES
 
 PHASE = "imud.model.probe?.calibration?.phase"
 FLAGS = "imud.model.probe.pose.flags"
@@ -82,10 +83,10 @@ class User:
 
 
 @contextlib.contextmanager
-def user(browser: Browser, url: str, *, is_touching: bool) -> Iterator[User]:
-    size = (
-        {"width": 390, "height": 844} if is_touching else {"width": 800, "height": 480}
-    )
+def user(browser: Browser, url: str, width: int = 1280) -> Iterator[User]:
+    """By touch on a phone and on a tablet."""
+    is_touching = width < 1280
+    size = {"width": width, "height": SIZES[width]}
     context = browser.new_context(viewport=size, has_touch=is_touching)
     try:
         page = context.new_page()
@@ -97,13 +98,13 @@ def user(browser: Browser, url: str, *, is_touching: bool) -> Iterator[User]:
         context.close()
 
 
-@pytest.mark.parametrize("is_touching", [False, True], ids=["keyboard", "touch"])
+@pytest.mark.parametrize("width", SIZES)
 def test_from_a_shop_module_to_green(
-    browser: Browser, tmp_path: Path, is_touching: bool
+    browser: Browser, tmp_path: Path, width: int
 ) -> None:
     with (
         probe_in_a_hand(tmp_path, "follow") as url,
-        user(browser, url, is_touching=is_touching) as hand,
+        user(browser, url, width) as hand,
     ):
         page = hand.page
         hand.view("3", "Calibrate")
@@ -137,7 +138,7 @@ def test_beside_iron_it_is_refused_with_the_reason(
 ) -> None:
     with (
         probe_in_a_hand(tmp_path, "follow-iron") as url,
-        user(browser, url, is_touching=False) as hand,
+        user(browser, url) as hand,
     ):
         hand.view("3", "Calibrate")
         hand.press("b", "Begin")
