@@ -37,7 +37,7 @@ extern uint32_t __StackBottom;  // of the linker script
 
 // The sensor of this board: an MPU-9250 with its address pin low, or else a module of
 // two chips, which have other addresses.
-static struct joined module = {.config = &adafruit_4517};
+static struct joined module = {.config = &lsm6dsv16x_lis3mdl};
 static const struct sensor_driver pair = JOINED_DRIVER(&module, joined_begin);
 static struct mpu9250 chip;
 const IN_FLASH struct sensor_driver board_sensor =

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A model of the LSM6DSOX, byte by byte on I2C, written from its maker's documents; the
-// LSM6DSO and the ISM330DHCX are variants. The virtual boards and the driver's tests
+// LSM6DSO and the ISM330DHCX are variants, and the LSM6DSV16X one with registers of its
+// own (lsm6dsox/families.c). The virtual boards and the driver's tests
 // use it; it depends on no emulator and no driver.
 //
 // Documents: DS = LSM6DSO32 data sheet, DocID032891 rev 1, which has the registers of
@@ -44,8 +45,11 @@
 
 #include "sensor_chip.h"
 
+struct lsm6_family;  // what its registers mean
+
 struct lsm6dsox_chip_config {
     struct sensor_chip_config sensor;
+    const struct lsm6_family *family;
     double rate_error_ppm;        // of its clock; positive is fast
     uint64_t reset_ns;            // how long SW_RESET takes
     uint64_t gyr_turn_on_ns;      // from power-down until readings are good
@@ -57,6 +61,8 @@ struct lsm6dsox_chip_config {
 
 // A plain LSM6DSOX, which an LSM6DSO equals here: no errors, 25 degC, SA0 low.
 struct lsm6dsox_chip_config lsm6dsox_chip_defaults(void);
+// An LSM6DSV16X; an LSM6DSV equals it here.
+struct lsm6dsox_chip_config lsm6dsv16x_chip_defaults(void);
 
 // A chip whose power comes at time 0; its pin is INT1. Null where memory is out. Its
 // die is number 1.

@@ -22,9 +22,12 @@ struct module {
 static const struct pair {
     const char *name;
     uint8_t who_am_i;
+    struct lsm6dsox_chip_config (*defaults)(void);
 } pairs[] = {
-    {"lsm6dsox", 0x6C},    // DS table 41; AD: LSM6DSOX_CHIP_ID
-    {"ism330dhcx", 0x6B},  // AD: ISM330DHCX_CHIP_ID; LX: st_lsm6dsx_sensor_settings
+    {"lsm6dsox", 0x6C, lsm6dsox_chip_defaults},  // DS table 41; AD: LSM6DSOX_CHIP_ID
+    // AD: ISM330DHCX_CHIP_ID; LX: st_lsm6dsx_sensor_settings
+    {"ism330dhcx", 0x6B, lsm6dsox_chip_defaults},
+    {"lsm6dsv16x", 0x70, lsm6dsv16x_chip_defaults},  // ST's lsm6dsv_reg.h
 };
 
 enum { PAIRS = sizeof pairs / sizeof pairs[0] };
@@ -74,7 +77,7 @@ struct module *module_new(const struct module_config *config) {
     const struct pair *pair = pair_of(config->name);
     const unsigned count = pair != NULL ? 2 : 1;
     if (pair != NULL) {
-        struct lsm6dsox_chip_config imu = lsm6dsox_chip_defaults();
+        struct lsm6dsox_chip_config imu = pair->defaults();
         imu.who_am_i = pair->who_am_i;
         struct lis3mdl_chip_config mag = lis3mdl_chip_defaults();
         configure(&imu.sensor, config);

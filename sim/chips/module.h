@@ -6,7 +6,8 @@
 // lsm6dsox    Adafruit 4517: an LSM6DSOX and a LIS3MDL, at 0x6A and 0x1C; the pin is
 //             INT1 of the LSM6DSOX. The magnetometer's DRDY is not connected, as no
 //             STEMMA QT cable has wires for either.
-// Others are the same with a relative of the LSM6DSOX: `pairs` in module.c.
+// Others are the same with a relative of the LSM6DSOX in its place: `pairs` in
+// module.c.
 //
 // The axes of the pair: both dies measure along the same ones, x, y and z of the
 // LSM6DSOX. No picture of the 4517 was at hand. Adafruit's AHRS library joins both dies

@@ -4,10 +4,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
+
+import pytest
 
 from core.sensor_desk import SensorBench, axes, ffi, lib
 from sim.chips.sensor_desk import SensorDesk
+
+ALL_PASSED = (
+    lib.SELF_TEST_ACC_PASSED | lib.SELF_TEST_GYR_PASSED | lib.SELF_TEST_MAG_PASSED
+)
 
 
 class Bench(SensorBench):
@@ -19,11 +26,15 @@ class Bench(SensorBench):
         config: Any = None,
         inertial: dict[str, Any] | None = None,
         magnetic: dict[str, Any] | None = None,
+        relative: str = "",
     ) -> None:
-        """`config` is the driver's, `inertial` and `magnetic` those of the models."""
+        """`config` is the driver's, `inertial` and `magnetic` those of the models;
+        `relative`: the inertial chip, if it is no LSM6DSOX.
+        """
         self.config = config or ffi.addressof(lib.adafruit_4517)
         driver = ffi.new("struct joined *", {"config": self.config})
-        self.inertial = SensorDesk("lsm6dsox", ffi, lib, **(inertial or {}))
+        chip = {"relative": relative, **(inertial or {})}
+        self.inertial = SensorDesk("lsm6dsox", ffi, lib, **chip)
         self.magnetic = SensorDesk("lis3mdl", ffi, lib, **(magnetic or {}))
         self.inertial_at = 0x6B if self.inertial.config.sa0 else 0x6A
         self.magnetic_at = 0x1E if self.magnetic.config.sa1 else 0x1C
@@ -36,8 +47,17 @@ class Bench(SensorBench):
         return axes(sample.mag)
 
 
-def running(**options: Any) -> Bench:
-    bench = Bench(**options)
+def dsv(**options: Any) -> Bench:
+    """An LSM6DSV16X in its place, and the driver that takes either of them."""
+    config = ffi.addressof(lib.lsm6dsv16x_lis3mdl)
+    return Bench(**{"relative": "lsm6dsv16x", "config": config, **options})
+
+
+every_family = pytest.mark.parametrize("make", [Bench, dsv], ids=["dsox", "dsv16x"])
+
+
+def running(make: Callable[..., Bench] = Bench, **options: Any) -> Bench:
+    bench = make(**options)
     assert bench.set_up() == lib.SENSOR_OK
     return bench
 

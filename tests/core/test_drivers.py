@@ -47,6 +47,11 @@ DRIVERS = {
         *(450, 1.1, 0.25, 100),
         lambda address, reg: address in (0x1C, 0x1E) or reg == 0x0F,
     ),
+    "lsm6dsv16x": Driver(
+        *(joined_desk.dsv, [0x70, 0x3D], BOTH_PASSED | lib.SELF_TEST_MAG_PASSED),
+        *(450, 1.1, 0.25, 100),
+        lambda address, reg: address in (0x1C, 0x1E) or reg == 0x0F,
+    ),
 }
 every_driver = pytest.mark.parametrize("driver", DRIVERS.values(), ids=DRIVERS)
 

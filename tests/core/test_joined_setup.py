@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The set-up of a joined sensor, LSM6DSOX and LIS3MDL, and every failure of it."""
+"""The set-up of a joined sensor: LSM6DSOX or LSM6DSV16X, LIS3MDL; and each failure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from core.joined_desk import Bench, running
+from core.joined_desk import Bench, every_family, running
 from core.sensor_desk import axes, ffi, lib
 
 INERTIAL_PASSED = lib.SELF_TEST_ACC_PASSED | lib.SELF_TEST_GYR_PASSED
@@ -47,11 +47,12 @@ def test_identity_tells_chips_units_and_verdicts():
     assert identity.mag_lsb_pt == round(1e8 / 6842)
 
 
+@every_family
 @pytest.mark.parametrize("inertial", [0x6A, 0x6B])
 @pytest.mark.parametrize("magnetic", [0x1C, 0x1E])
-def test_each_chip_is_found_at_either_of_its_addresses(inertial, magnetic):
+def test_each_chip_is_found_at_either_of_its_addresses(make, inertial, magnetic):
     at = {"inertial": {"sa0": inertial == 0x6B}, "magnetic": {"sa1": magnetic == 0x1E}}
-    bench = running(**at)
+    bench = running(make, **at)
     # The status and the field in one burst; bit 7 has the LIS3MDL's addresses increase.
     assert bench.bursts == [(inertial, 0x20, 14), (magnetic, 0xA7, 7)]
     ready = bench.driver.ready
@@ -107,8 +108,9 @@ def test_an_lsm6dso32_whose_ranges_are_twice_as_wide_is_told_by_its_force():
     assert bench.set_up(bound_us=3_000_000) == lib.SENSOR_NO_FORCE
 
 
-def test_a_probe_that_is_shaken_at_first_is_waited_for():
-    bench = Bench()
+@every_family
+def test_a_probe_that_is_shaken_at_first_is_waited_for(make):
+    bench = make()
     bench.hold(g=(0, 0, 3))
     bench.call("begin")
     for _ in range(500):
@@ -156,11 +158,13 @@ def test_int1_is_off_before_a_reset():
     assert second > 0
 
 
-def test_data_ready_is_low_where_set_up_ends():
-    bench = running()
+@every_family
+def test_data_ready_is_low_where_set_up_ends(make):
+    bench = running(make)
     assert not bench.inertial.call("pin_is_high", 0)
 
 
+@every_family
 @pytest.mark.parametrize(
     "chip",
     [
@@ -168,35 +172,41 @@ def test_data_ready_is_low_where_set_up_ends():
         {"magnetic": {"soft_reset_ns": 15_000_000}},
     ],
 )
-def test_a_reset_that_takes_long_is_waited_for(chip):
-    bench = Bench(**chip)
+def test_a_reset_that_takes_long_is_waited_for(make, chip):
+    bench = make(**chip)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == ALL_PASSED
 
 
-def test_an_inertial_reset_without_end_is_stuck_in_bounded_time():
-    bench = Bench(inertial={"reset_ns": 10**15})
+@every_family
+def test_an_inertial_reset_without_end_is_stuck_in_bounded_time(make):
+    bench = make(inertial={"reset_ns": 10**15})
     assert bench.set_up() == lib.SENSOR_STUCK
     assert bench.now_ns < 100_000_000
 
 
+@every_family
 @pytest.mark.parametrize("quantity", [lib.CHIP_ACC, lib.CHIP_GYR])
-def test_an_inertial_sensor_that_never_gets_ready_is_stuck_in_bounded_time(quantity):
-    bench = Bench()
+def test_an_inertial_sensor_that_never_gets_ready_is_stuck_in_bounded_time(
+    make, quantity
+):
+    bench = make()
     bench.inertial.fault("NO_DATA_READY", value=1 + quantity)
     assert bench.set_up() == lib.SENSOR_STUCK
     bench.inertial.clear_faults()
     assert bench.set_up() == lib.SENSOR_OK
 
 
-def test_one_that_stops_after_its_test_is_stuck_too():
-    bench = running()
+@every_family
+def test_one_that_stops_after_its_test_is_stuck_too(make):
+    bench = running(make)
     bench.inertial.fault("NO_DATA_READY", value=1 + lib.CHIP_ACC)
     assert bench.set_up() == lib.SENSOR_STUCK
 
 
-def test_an_inertial_chip_that_does_not_answer_is_a_failed_bus_until_it_does():
-    bench = Bench()
+@every_family
+def test_an_inertial_chip_that_does_not_answer_is_a_failed_bus_until_it_does(make):
+    bench = make()
     bench.inertial.fault("NACK")
     assert bench.set_up() == lib.SENSOR_BUS_NACK
     assert [at for *_, at, _, _ in bench.log] == [0x6A, 0x6B]
@@ -242,6 +252,7 @@ def test_a_magnetometer_that_holds_the_bus_is_for_the_board_to_free():
     assert list(bench.identity.who_am_i) == [0x6C, 0x3D]
 
 
+@every_family
 @pytest.mark.parametrize(
     ("chip", "name", "weak", "failed"),
     [
@@ -256,9 +267,9 @@ def test_a_magnetometer_that_holds_the_bus_is_for_the_board_to_free():
     ],
 )
 def test_a_sensor_that_answers_weakly_or_wildly_fails_its_self_test(
-    chip, name, weak, failed
+    make, chip, name, weak, failed
 ):
-    bench = Bench(**{chip: {name: weak}})
+    bench = make(**{chip: {name: weak}})
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == ALL_PASSED & ~(failed >> 4) | failed
     # The verdict is kept: it is not tested again.
@@ -266,6 +277,7 @@ def test_a_sensor_that_answers_weakly_or_wildly_fails_its_self_test(
     assert bench.identity.self_test == ALL_PASSED & ~(failed >> 4) | failed
 
 
+@every_family
 @pytest.mark.parametrize(
     ("unit", "weak", "swing"),
     [
@@ -278,8 +290,8 @@ def test_a_sensor_that_answers_weakly_or_wildly_fails_its_self_test(
         ),
     ],
 )
-def test_a_failure_while_the_probe_moves_is_no_verdict(unit, weak, swing):
-    bench = Bench(**weak)
+def test_a_failure_while_the_probe_moves_is_no_verdict(make, unit, weak, swing):
+    bench = make(**weak)
     bench.call("begin")
     turn = 0
     while (result := bench.step()) == lib.SENSOR_BUSY:
@@ -291,7 +303,7 @@ def test_a_failure_while_the_probe_moves_is_no_verdict(unit, weak, swing):
     assert bin(flags).count("1") == 2
     assert flags & ~ALL_PASSED == 0
     # The next set-up tests again: good chips.
-    for address, chip in Bench().chips.items():
+    for address, chip in make().chips.items():
         chip.now = bench.chip.now
         bench.chips[address] = chip
     assert bench.set_up() == lib.SENSOR_OK

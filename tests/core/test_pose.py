@@ -72,6 +72,7 @@ def has(poses: desk.Array, flag: int) -> desk.Array:
         (lib.SENSOR_MPU9250, 0.005),
         (lib.SENSOR_LSM9DS0, 0.001),
         (lib.SENSOR_LSM6DSOX, 0.005629),
+        (lib.SENSOR_LSM6DSV16X, 0.005726),
     ],
 )
 def test_the_lag_that_each_magnetometer_starts_from(kind, lag_s):
@@ -83,7 +84,7 @@ def test_the_lag_that_each_magnetometer_starts_from(kind, lag_s):
     assert lag_q35 / 2**35 == pytest.approx(lag_s, abs=1e-6)
 
 
-@pytest.mark.parametrize("kind", [lib.SENSOR_NONE, lib.SENSOR_LSM6DSOX + 1, 255])
+@pytest.mark.parametrize("kind", [lib.SENSOR_NONE, lib.SENSOR_LSM6DSV16X + 1, 255])
 def test_the_delays_of_a_kind_without_a_driver_are_not_known(kind):
     assert not lib.delays_of_kind(desk.identity_of(kind=kind))
 

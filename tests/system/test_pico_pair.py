@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The Pico's image in rp2040js with an LSM6DSOX and a LIS3MDL in place of an MPU-9250:
 it finds the pair by itself, with a data-ready wire and, on a Qwiic cable and with a
-relative of the LSM6DSOX, without.
+relative of the LSM6DSOX, without; and an LSM6DSV16X.
 """
 
 from __future__ import annotations
@@ -32,7 +32,12 @@ from system.virtual import PICO, Run, Stub, run, write_hand
 ROOT = Path(__file__).resolve().parents[2]
 SIMULATOR, IMAGE = ROOT / VIRTUAL.simulator, ROOT / VIRTUAL.image
 PAIR = ("--sensor", "lsm6dsox")
-SENSORS = {"wire": ("lsm6dsox", 0x6C), "none": ("ism330dhcx", 0x6B)}
+# By how it is wired: the name, its driver's word, the identity, the rate.
+SENSORS = {
+    "wire": ("lsm6dsox", "lsm6dsox", 0x6C, 208),
+    "none": ("ism330dhcx", "lsm6dsox", 0x6B, 208),
+    "dsv": ("lsm6dsv16x", "lsm6dsv16x", 0x70, 200),
+}
 PERIOD_US = 32e6 / 6667  # the sensor's clock, divided by 32
 PAIRED = dataclasses.replace(PICO, rate_hz=208)
 SECONDS = choose(everyday=5, long=60)
@@ -48,27 +53,31 @@ def pico(tmp_path: Path) -> Stub:
 
 @pytest.fixture(scope="module")
 def run_with(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Run]:
-    """The same seconds in a hand, with a data-ready wire or without ("none")."""
+    """The same seconds in a hand, by the word of SENSORS."""
 
     @functools.cache
     def run_with(ready: str) -> Run:
         folder = tmp_path_factory.mktemp(ready)
-        stub = Stub(PAIRED, SIMULATOR, IMAGE, folder)
+        name, _, _, rate_hz = SENSORS[ready]
+        board = dataclasses.replace(PICO, rate_hz=rate_hz)
+        stub = Stub(board, SIMULATOR, IMAGE, folder)
         words = ("--motion", write_hand(folder / "hand", SECONDS), *CLICK)
-        words += (*stub.raw_too, "--sensor", SENSORS[ready][0], "--ready", ready)
+        words += (*stub.raw_too, "--sensor", name)
+        words += ("--ready", "none" if ready == "none" else "wire")
         return run(stub, SECONDS, *words)
 
     return run_with
 
 
-@pytest.mark.parametrize("ready", ["wire", "none"])
+@pytest.mark.parametrize("ready", SENSORS)
 def test_the_pair_is_found_and_its_poses_are_the_hosts(
     run_with: Callable[[str], Run], ready: str
 ) -> None:
     done = run_with(ready)
     hello = done.named("hello")[-1].fields
-    assert hello["sensor"] == "lsm6dsox"
-    assert list(hello["who_am_i"]) == [SENSORS[ready][1], 0x3D]
+    _, word, who, rate_hz = SENSORS[ready]
+    assert hello["sensor"] == word
+    assert list(hello["who_am_i"]) == [who, 0x3D]
     passed = {"acc_passed", "gyr_passed", "mag_passed"}
     assert set(hello["self_test"]) == passed
     assert not {"bus_fault", "sensor_fault"} & {event for event, _ in done.events}
@@ -76,7 +85,7 @@ def test_the_pair_is_found_and_its_poses_are_the_hosts(
     assert_the_poses_are_the_hosts(done, 100 * (SECONDS - 3))
     raws = done.named("raw")
     times = np.array([raw.time_us for raw in raws])
-    assert np.diff(times) == pytest.approx(1e6 / 208, abs=250)
+    assert np.diff(times) == pytest.approx(1e6 / rate_hz, abs=250)
     fields = sum(raw.fields["mag"] is not None for raw in raws)
     assert fields / (times[-1] - times[0]) * 1e6 == pytest.approx(80, abs=1)
     assert done.summary["late"] == 0

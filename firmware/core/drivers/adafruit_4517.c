@@ -19,3 +19,19 @@ const IN_FLASH struct joined_config adafruit_4517 = {
     .mag_axes = {1, 2, 3},
     .mag_lag_us = ADAFRUIT_4517_MAG_LAG_US,
 };
+
+#ifndef PART_WITHOUT_SELF_TEST
+_Static_assert(LSM6DSV16X_MAG_LAG_US == LIS3MDL_LAG_US + 500000 / LSM6DSV16X_RATE_HZ,
+               "half of each");
+
+// The chips' own axes: no board with both is known. Two boards must lie so that the
+// arrows printed on them point the same way.
+const IN_FLASH struct joined_config lsm6dsv16x_lis3mdl = {
+    .inertial = &lsm6dsv16x,
+    .magnetic = &lis3mdl,
+    .inertial_axes = {1, 2, 3},
+    .mag_axes = {1, 2, 3},
+    .mag_lag_us = LSM6DSV16X_MAG_LAG_US,
+    .or_else = &adafruit_4517,
+};
+#endif

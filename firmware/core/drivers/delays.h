@@ -30,6 +30,10 @@ static inline bool delays_of_kind(struct sensor_identity *identity) {
         identity->mag_lag_us = ADAFRUIT_4517_MAG_LAG_US;
         return true;
     }
+    case SENSOR_LSM6DSV16X:
+        identity->gyr_delay_us = LSM6DSV16X_GYR_DELAY_US;
+        identity->mag_lag_us = LSM6DSV16X_MAG_LAG_US;
+        return true;
     default:
         return false;
     }

@@ -42,12 +42,31 @@ void joined_begin(void *state) {
     identify(joined);
 }
 
+#ifndef PART_WITHOUT_SELF_TEST
+// Where the chip that has answered is that of the other module, goes on with that one.
+static bool takes_other(struct joined *joined) {
+    const IN_FLASH struct joined_config *other = joined->config->or_else;
+    if (other == 0 ||
+        part_kind(other->inertial->chip, joined->inertial.who_am_i) == 0) {
+        return false;
+    }
+    joined->config = other;
+    joined_begin(joined);
+    return true;
+}
+#endif
+
 static enum sensor_result set_up_inertial(struct joined *joined,
                                           const IN_FLASH struct bus_device *bus,
                                           uint32_t now_us) {
     struct part *part = &joined->inertial;
     const enum sensor_result result = part_setup(part, bus, now_us);
     identify(joined);
+#ifndef PART_WITHOUT_SELF_TEST
+    if (result == SENSOR_WRONG_CHIP && takes_other(joined)) {
+        return SENSOR_BUSY;
+    }
+#endif
     if (result != SENSOR_OK) {
         return result;
     }

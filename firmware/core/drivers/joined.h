@@ -43,6 +43,10 @@ struct joined_config {
     int8_t inertial_axes[3];
     int8_t mag_axes[3];
     uint16_t mag_lag_us;  // how old a field is in the sample that brings it
+#ifndef PART_WITHOUT_SELF_TEST
+    // The module whose inertial chip may be there in its place; null: none.
+    const IN_FLASH struct joined_config *or_else;
+#endif
 };
 
 // Starts with its config and zeros. Private to the driver.

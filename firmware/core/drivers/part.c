@@ -186,6 +186,18 @@ static enum sensor_result judge(struct part *part, uint16_t now, uint8_t number)
     part->verdicts |= verdict;
     return next(part, now);
 }
+
+static enum sensor_result verify_apart(struct part *part,
+                                       const IN_FLASH struct bus_device *bus) {
+    const IN_FLASH struct part_row *kept = &part->chip->kept_apart;
+    uint8_t found = 0;
+    const enum sensor_result result = part_read(part, bus, kept->what, &found, 1);
+    if (result == SENSOR_OK && found != kept->value) {
+        part->wrong_register = kept->what;
+        return SENSOR_UNSET;
+    }
+    return result;
+}
 #endif
 
 static enum sensor_result write(const struct part *part,
@@ -214,6 +226,12 @@ configure(struct part *part, const IN_FLASH struct bus_device *bus, uint16_t now
 enum sensor_result part_verify(struct part *part,
                                const IN_FLASH struct bus_device *bus) {
     const IN_FLASH struct part_chip *chip = part->chip;
+#ifndef PART_WITHOUT_SELF_TEST
+    part->is_apart_next = chip->kept_apart.what != 0 && !part->is_apart_next;
+    if (chip->kept_apart.what != 0 && !part->is_apart_next) {
+        return verify_apart(part, bus);
+    }
+#endif
     uint8_t found[PART_KEPT_MAX];
     const enum sensor_result result =
         part_read(part, bus, chip->kept, found, chip->kept_count);

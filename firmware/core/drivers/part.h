@@ -4,7 +4,8 @@
 // common: registers of a byte, three axes little-endian, a status that shows which data
 // are new, WHO_AM_I at 0x0F.
 //
-// With PART_WITHOUT_SELF_TEST, for a board that has no room for it, nothing is tested.
+// With PART_WITHOUT_SELF_TEST, for a board that has no room for it, nothing is tested,
+// and there is one kind of module.
 #ifndef PART_H
 #define PART_H
 
@@ -73,7 +74,8 @@ struct part_chip {
     const IN_FLASH struct part_axes *axes;
     uint8_t axes_count;
 #ifndef PART_WITHOUT_SELF_TEST
-    uint16_t gravity_counts;  // of 1 g, in PART_FORCE
+    struct part_row kept_apart;  // a register elsewhere; number 0: none
+    uint16_t gravity_counts;     // of 1 g, in PART_FORCE
 #endif
     const IN_FLASH struct part_row *rows;
 };
@@ -94,6 +96,7 @@ struct part {
     uint16_t since;  // start of the current wait, ticks
     bool is_found;
 #ifndef PART_WITHOUT_SELF_TEST
+    bool is_apart_next;  // of part_verify()
     bool is_moving;
     struct part_sum {
         int32_t sum;
@@ -110,8 +113,8 @@ void part_begin(struct part *part);
 enum sensor_result part_setup(struct part *part, const IN_FLASH struct bus_device *bus,
                               uint32_t now_us) MUST_CHECK;
 
-// Reads back the registers that are kept, in one transaction. SENSOR_UNSET:
-// `wrong_register` is not as it was written.
+// Reads back the registers that are kept, in one transaction; one that is kept apart in
+// every second call. SENSOR_UNSET: `wrong_register` is not as it was written.
 enum sensor_result part_verify(struct part *part,
                                const IN_FLASH struct bus_device *bus) MUST_CHECK;
 

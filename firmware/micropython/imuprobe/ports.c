@@ -264,7 +264,7 @@ void imuprobe_use_mpu9250(struct imuprobe *self) {
 }
 
 void imuprobe_use_lsm6dsox(struct imuprobe *self) {
-    self->chip.joined = (struct joined){.config = &adafruit_4517};
+    self->chip.joined = (struct joined){.config = &lsm6dsv16x_lis3mdl};
     const struct sensor_driver driver = JOINED_DRIVER(&self->chip.joined, joined_begin);
     self->driver = driver;
 }

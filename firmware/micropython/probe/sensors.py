@@ -30,7 +30,8 @@ class MPU9250(Sensor):
 
 
 class LSM6DSOX(Sensor):
-    """With a LIS3MDL on the same bus, as on Adafruit's 4517; 208 samples a second.
+    """With a LIS3MDL on the same bus, as on Adafruit's 4517; 208 samples a second. Or
+    an LSM6DSV16X in its place, 200 a second.
     Its INT1 is the data-ready pin, or None: then it is asked. With the C module alone.
     """
 

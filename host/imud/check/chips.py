@@ -12,11 +12,12 @@ from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, skipped
 from imud.gravity import GRAVITY_M_S2
 from imud.journal.faults import OF_SENSOR, fault_words
-from imud.probes.chip import DIES
+from imud.probes.chip import DIES, NAMESAKES, die_of
 from imud.probes.self_test import SelfTestOutcome, follows_range
 from imud.probes.sensors import (
     MPU6500,
     NINE_AXES,
+    PAIRS,
     identity_words,
 )
 
@@ -35,7 +36,7 @@ BUS_FAULTS = 20  # more of them in a minute are not a loose contact
 
 # Of sensors whose driver judges it.
 SELF_TEST_BY_DRIVER = "a response within the data sheet's limits"
-BY_DRIVER = ("lsm9ds0", "lsm6dsox")
+BY_DRIVER = ("lsm9ds0", *PAIRS)
 
 
 def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
@@ -106,7 +107,8 @@ def _cure(evidence: Evidence, kind: tuple[str, str]) -> str:
 def _identity(evidence: Evidence) -> Row:
     hello = evidence.hello
     sensor = hello.get("sensor")
-    of_sensor = {who: die.name for who, die in DIES.items() if die.sensor == sensor}
+    dies = (*DIES.items(), *NAMESAKES.items())
+    of_sensor = {who: die.name for who, die in dies if die.sensor == sensor}
     named = [f"{name} 0x{who:02X}" for who, name in of_sensor.items()]
     normal = ", ".join(named) or "a chip that this firmware reads"
     identity, second = hello.get("who_am_i") or (0, 0)
@@ -118,7 +120,15 @@ def _identity(evidence: Evidence) -> Row:
         advice = _cure(evidence, refused[-1][:2])
         return Row("inertial chip", measured, normal, RowVerdict.FAULT, advice)
     numbers = {"who_am_i": [identity, second]}
-    measured = identity_words(identity)
+    measured = identity_words(identity, str(sensor))
+    die = die_of(identity, str(sensor))
+    if die is not None and die.is_untried:
+        advice = (
+            "untried: nobody has run this firmware with this chip. Please send this "
+            "report, whether it works or not"
+        )
+        measured += ", untried"
+        return Row("inertial chip", measured, normal, RowVerdict.LOOK, advice, numbers)
     if identity in NINE_AXES or (identity in of_sensor and identity != MPU6500):
         return Row("inertial chip", measured, normal, RowVerdict.GOOD, "", numbers)
     advice = (

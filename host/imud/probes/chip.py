@@ -5,8 +5,8 @@ chip at the settings of the firmware.
 PS: InvenSense PS-MPU-9250A-01, revision 1.0, tables 1 and 2. DS: ST DocID024763,
 revision 2, table 3. Both state no noise of the magnetometer, and DS none at all: there
 the limits are several times what public recordings of such boards have at rest. DSO: ST
-DocID032891, revision 1, table 3: limits are ten times its typical offsets. ISM: as
-programs quote the ISM330DHCX's data sheet, which was not at hand.
+DocID032891, revision 1, table 3: limits are ten times its typical offsets. ISM, DSV: as
+others quote the data sheets of the ISM330DHCX and the LSM6DSV, which were not at hand.
 """
 
 from __future__ import annotations
@@ -73,24 +73,34 @@ ISM330DHCX = replace(
     acc_noise_mg=3.0,  # ISM: 0.06 mg/rtHz, at 104 Hz; of a relative 0.12 at 16 g
 )
 
+LSM6DSV16X = replace(
+    LSM6DSOX,
+    name="LSM6DSV16X",
+    source="its data sheet, as quoted",
+    acc_noise_mg=3.0,  # DSV: 0.06 mg/rtHz, at 100 Hz; at 16 g it may be more
+)
+
 # By the hello's word. An MPU-6500 is the inertial die of an MPU-9250.
 CHIPS = {
     "mpu9250": MPU9250,
     "mpu6500": MPU9250,
     "lsm9ds0": LSM9DS0,
     "lsm6dsox": LSM6DSOX,
+    "lsm6dsv16x": LSM6DSV16X,
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Die:
     """`sensor`: the hello's word for what a driver makes of it; empty: none reads it.
-    `chip`: its accuracy, where it is not that of the word.
+    `chip`: its accuracy, where it is not that of the word. `is_untried`: nobody has run
+    its driver with one, nor was a data sheet at hand.
     """
 
     name: str
     sensor: str = ""
     chip: Chip | None = None
+    is_untried: bool = False
 
 
 # By WHO_AM_I. Of InvenSense's family: Linux, drivers/iio/imu/inv_mpu6050/inv_mpu_iio.h;
@@ -116,10 +126,24 @@ DIES = {
 }
 
 
+# Those that answer as another one above does, by the hello's word.
+NAMESAKES = {
+    0x70: Die("LSM6DSV16X or LSM6DSV", "lsm6dsv16x", is_untried=True),
+}
+
+
+def die_of(identity: int, sensor: str) -> Die | None:
+    """The die of an identity, with the hello's word for it if there is one."""
+    namesake = NAMESAKES.get(identity)
+    if namesake is not None and namesake.sensor == sensor:
+        return namesake
+    return DIES.get(identity)
+
+
 def known_chip(hello: Mapping[str, Any]) -> Chip | None:
     """By who answered, or else by the hello's word; None: no known one."""
     sensor, (identity, *_) = str(hello.get("sensor")), hello.get("who_am_i") or (0,)
-    die = DIES.get(identity)
+    die = die_of(identity, sensor)
     of_die = die.chip if die is not None and die.sensor == sensor else None
     return of_die or CHIPS.get(sensor)
 

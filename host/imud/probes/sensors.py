@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from imud.probes.chip import DIES
+from imud.probes.chip import DIES, NAMESAKES, die_of
 from imud.probes.self_test import SelfTestOutcome, SensorVerdict
 from imud.wire.params import is_mag_off
 
@@ -18,6 +18,9 @@ UNREADABLE = frozenset({0x68, 0x69, 0x6A, 0xD1, 0xEA})
 MPU6500 = 0x70
 # With an AK8963 in the same package.
 NINE_AXES = frozenset(who for who, die in DIES.items() if die.sensor == "mpu9250")
+
+# Pairs of an inertial chip and a LIS3MDL.
+PAIRS = ("lsm6dsox", "lsm6dsv16x")
 
 # The flag that poses get from the host.
 SELF_TEST_FAILED = "self_test_failed"
@@ -41,19 +44,23 @@ _CURES = {
 }
 
 
-def identity_words(identity: int) -> str:
-    """An identity register, with the name of the chip if it is a known one."""
-    die = DIES.get(identity)
-    return f"0x{identity:02X} ({die.name})" if die else f"0x{identity:02X}"
+def identity_words(identity: int, sensor: str = "") -> str:
+    """An identity register, with the name of the chip if it is a known one; `sensor`:
+    the hello's word, if there is one.
+    """
+    named = [die_of(identity, sensor)] if sensor else []
+    named = named or [dies.get(identity) for dies in (DIES, NAMESAKES)]
+    names = " or ".join(die.name for die in named if die)
+    return f"0x{identity:02X} ({names})" if names else f"0x{identity:02X}"
 
 
 def sensor_words(hello: Hello) -> str:
     """The sensor by its name, with its identity if that is not the usual one."""
     name, identity = str(hello["sensor"]), hello["who_am_i"][0]
-    die = DIES.get(identity)
+    die = die_of(identity, name)
     if identity == 0 or (die and die.sensor == name and die.chip is None):
-        return name
-    return f"{name}, answers {identity_words(identity)}"
+        return f"{name} (untried)" if die and die.is_untried else name
+    return f"{name}, answers {identity_words(identity, name)}"
 
 
 def missing_magnetometer(hello: Hello, params: bytes | None = None) -> str:
@@ -69,7 +76,7 @@ def missing_magnetometer(hello: Hello, params: bytes | None = None) -> str:
     is_there = magnetic != 0 or identity == 0
     if sensor != "mpu6500" and is_there:
         return ""
-    if sensor == "lsm6dsox":
+    if sensor in PAIRS:
         return (
             "no LIS3MDL answers beside this sensor (at 0x1C or 0x1E), or it measures "
             "nothing: no heading"
@@ -85,9 +92,10 @@ def missing_magnetometer(hello: Hello, params: bytes | None = None) -> str:
             "no magnetometer in this module (an MPU-6500 sold as an MPU-9250): "
             "no heading"
         )
+    answers = identity_words(identity, sensor)
     return (
-        f"no magnetometer in this module (it answers {identity_words(identity)}; an "
-        "MPU-9250 answers 0x71): no heading"
+        f"no magnetometer in this module (it answers {answers}; an MPU-9250 answers "
+        "0x71): no heading"
     )
 
 

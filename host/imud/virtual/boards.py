@@ -64,6 +64,7 @@ PAIRS = (
     OtherSensor("lsm6dsox", "an LSM6DSOX with a LIS3MDL (Adafruit 4517)", 208),
     OtherSensor("ism330dhcx", "an ISM330DHCX with a LIS3MDL", 208),
 )
+DSV = OtherSensor("lsm6dsv16x", "an LSM6DSV16X with a LIS3MDL", 200)
 PAIRED = Path(".pio/build/nano_lsm6dsox/firmware.elf")
 
 NANO = VirtualBoard(
@@ -131,7 +132,7 @@ PICO = VirtualBoard(
     has_battery=False,
     wires=("usb", "uart"),
     has_ready_wire=True,
-    others=PAIRS,
+    others=(*PAIRS, DSV),
 )
 BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO, MEGA)}
 

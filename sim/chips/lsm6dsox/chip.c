@@ -1,59 +1,22 @@
 // SPDX-License-Identifier: MIT
-// The model of the LSM6DSOX: its clock, the counts that motion, self-test and
-// temperature make, its outputs, its registers and its life. See ../lsm6dsox.h for the
-// documents that DS, SO, AN, AD, LX and QC stand for.
-#include "../lsm6dsox.h"
+// The model of the LSM6DSOX and its relatives: their clock, the counts that motion,
+// self-test and temperature make, their outputs, registers and life. See ../lsm6dsox.h
+// for the documents that DS, SO, AN, AD, LX and QC stand for.
+#include "family.h"
 
 #include <math.h>
 #include <string.h>
-
-#include "../sensor/st.h"
 
 enum { DIE = 1 };
 
 // DS table 20.
 enum {
-    REG_COUNTER_BDR_REG1 = 0x0B,
-    REG_INT1_CTRL = 0x0D,
-    REG_INT2_CTRL = 0x0E,
-    REG_WHO_AM_I = 0x0F,
-    REG_CTRL1_XL = 0x10,
-    REG_CTRL2_G = 0x11,
-    REG_CTRL3_C = 0x12,
-    REG_CTRL4_C = 0x13,
-    REG_CTRL5_C = 0x14,
-    REG_CTRL6_C = 0x15,
-    REG_CTRL7_G = 0x16,
-    REG_CTRL8_XL = 0x17,
-    REG_CTRL9_XL = 0x18,
-    REG_CTRL10_C = 0x19,
+    REG_PIN_CTRL = 0x02,
     REG_STATUS = 0x1E,
     REG_OUT_TEMP_L = 0x20,
     REG_OUTX_L_G = 0x22,
     REG_OUTX_L_A = 0x28,
     REG_OUTZ_H_A = 0x2D,
-    REG_INTERNAL_FREQ_FINE = 0x63,
-};
-
-enum {
-    DATAREADY_PULSED = 1 << 7,  // COUNTER_BDR_REG1
-    // INT1_CTRL
-    INT_DRDY_XL = 1 << 0,
-    INT_DRDY_G = 1 << 1,
-    // CTRL1_XL, CTRL2_G
-    ODR_SHIFT = 4,
-    ODR_OFF = 0,
-    ODR_LAST = 10,
-    FS_SHIFT = 2,
-    FS_MASK = 0x03,
-    FS_125 = 1 << 1,
-    // CTRL3_C
-    BDU = 1 << 6,
-    IF_INC = 1 << 2,
-    SW_RESET = 1 << 0,
-    // CTRL5_C
-    ST_G_SHIFT = 2,
-    ST_MASK = 0x03,
     // STATUS_REG
     XLDA = 1 << 0,
     GDA = 1 << 1,
@@ -75,28 +38,29 @@ struct sensor {
 
 struct lsm6dsox_chip {
     struct sensor_chip base;
-    struct lsm6dsox_chip_config config;
+    struct lsm6dsox_chip_config config;  // and the family
     struct st_die die;
     bool is_i3c_only;
-    uint64_t clock_from_ns;  // of tick 0 of the clock of 6667 Hz
-    uint64_t gyr_on_ns;      // the gyroscope left power-down
-    uint64_t pulse_end;      // of data-ready where it is pulsed; NEVER for none
+    uint64_t clock_from_ns;  // of tick 0 of the clock
+    double clock_hz;
+    uint64_t gyr_on_ns;  // the gyroscope left power-down
+    uint64_t pulse_end;  // of data-ready where it is pulsed; NEVER for none
     struct sensor sensors[SOURCES];
 };
 
 // The clock, which both sensors and the thermometer divide
 
-// DS table 18: 6667 Hz and its halves, which AN5192 (memory) and QC (odr_coeff) divide
-// from it: 12.5 Hz is 6667 / 512.
-#define CLOCK_HZ 6667.0
-
 enum {
-    DIVIDER_12_5_HZ = 512,
-    DIVIDER_52_HZ = 128,  // DS table 5: the thermometer's
+    DIVIDER_MOST = 512,
+    DIVIDER_TEMP = 128,  // DS table 5: 52 Hz
 };
 
+static const struct lsm6_family *family(const struct lsm6dsox_chip *chip) {
+    return chip->config.family;
+}
+
 static double tick_ns(const struct lsm6dsox_chip *chip) {
-    return 1e9 / (CLOCK_HZ * (1.0 + chip->config.rate_error_ppm * 1e-6));
+    return 1e9 / (chip->clock_hz * (1.0 + chip->config.rate_error_ppm * 1e-6));
 }
 
 static double period_ns(const struct lsm6dsox_chip *chip, enum source source) {
@@ -111,10 +75,6 @@ static void set_next_tick(struct lsm6dsox_chip *chip, enum source source) {
                                 (uint64_t)llround((double)sensor->tick * tick_ns(chip));
 }
 
-static uint8_t rate_code(const struct lsm6dsox_chip *chip, enum source source) {
-    return chip->die.reg[source == GYR ? REG_CTRL2_G : REG_CTRL1_XL] >> ODR_SHIFT;
-}
-
 static uint32_t wanted(const struct lsm6dsox_chip *chip, enum source source) {
     if (chip->die.wait_end != NEVER) {
         return 0;
@@ -122,22 +82,30 @@ static uint32_t wanted(const struct lsm6dsox_chip *chip, enum source source) {
     if (source == TEMP) {
         const bool is_on =
             chip->sensors[ACC].divider != 0 || chip->sensors[GYR].divider != 0;
-        return is_on ? DIVIDER_52_HZ : 0;
+        return is_on ? DIVIDER_TEMP : 0;
     }
-    const uint8_t code = rate_code(chip, source);
-    return code == ODR_OFF || code > ODR_LAST ? 0U
-                                              : (uint32_t)DIVIDER_12_5_HZ >> (code - 1);
+    const int code = lsm6_field(chip->die.reg, family(chip)->rate[source]);
+    return code < family(chip)->first_rate
+               ? 0U
+               : (uint32_t)DIVIDER_MOST >> (code - family(chip)->first_rate);
+}
+
+// The number of its rate; 0 where it is off.
+static int rate_number(const struct lsm6dsox_chip *chip, enum source source) {
+    const int number = lsm6_field(chip->die.reg, family(chip)->rate[source]) -
+                       family(chip)->first_rate;
+    return number >= 0 && number < LSM6_RATES ? number : 0;
 }
 
 // AN tables 13, 15.
 static uint32_t to_discard(const struct lsm6dsox_chip *chip, enum source source) {
-    static const uint16_t gyr[ODR_LAST] = {2, 3, 3, 3, 3, 3, 3, 135, 270, 540};
-    static const uint16_t acc[ODR_LAST] = {0, 0, 1, 1, 1, 1, 1, 2, 3, 13};
+    static const uint16_t gyr[LSM6_RATES] = {2, 3, 3, 3, 3, 3, 3, 135, 270, 540};
+    static const uint16_t acc[LSM6_RATES] = {0, 0, 1, 1, 1, 1, 1, 2, 3, 13};
     switch (source) {
     case GYR:
-        return gyr[rate_code(chip, GYR) - 1];
+        return gyr[rate_number(chip, GYR)];
     case ACC:
-        return acc[rate_code(chip, ACC) - 1];
+        return acc[rate_number(chip, ACC)];
     default:
         return 0;
     }
@@ -151,6 +119,12 @@ static void start(struct lsm6dsox_chip *chip, enum source source, uint32_t divid
     }
     if (!others_run) {
         chip->clock_from_ns = chip->base.wire.now_ns;
+        // Another set of rates counts in high accuracy alone.
+        const uint8_t *reg = chip->die.reg;
+        const bool is_accurate = lsm6_field(reg, family(chip)->mode[source]) != 0;
+        chip->clock_hz =
+            family(chip)
+                ->clock_hz[is_accurate ? lsm6_field(reg, family(chip)->rates) : 0];
     }
     sensor->divider = divider;
     // AN 3: both are on one grid. The first sample comes a period or more from now.
@@ -185,71 +159,53 @@ static void set_rates(struct lsm6dsox_chip *chip) {
 
 // Counts
 
-// The code of a rate, 0 for 12.5 Hz.
-static int code_of(const struct lsm6dsox_chip *chip, enum source source) {
-    const int code = rate_code(chip, source);
-    return code >= 1 && code <= ODR_LAST ? code - 1 : 0;
-}
-
-static void sense_gyro(struct lsm6dsox_chip *chip, double counts[AXES]) {
+static struct lowpass lowpass_of(const struct lsm6dsox_chip *chip, enum source source) {
     // DS table 18: LPF2. QC: gyro_group_delay.
-    static const struct lowpass lowpass[ODR_LAST] = {
+    static const struct lowpass gyr[LSM6_RATES] = {
         {4.2, 74.79},  {8.3, 38.89},  {16.6, 19.44},  {33.0, 9.72},   {66.8, 4.86},
         {135.9, 2.46}, {295.5, 1.26}, {1108.1, 0.69}, {1320.7, 0.42}, {1441.8, 0.28}};
-    // By FS_G and for FS_125: SO and DS: 250, 500, 1000, 2000, 125 deg/s.
-    static const double mdps_per_count[] = {8.75, 17.50, 35.0, 70.0, 4.375};
-    // SO table 2: 20 to 80 deg/s at 250, 150 to 700 at 2000.
-    static const double response_part[] = {0.125, 0.25, 0.5, 1.0, 0.125};
-    static const double sign[4] = {0, 1, 0, -1};  // DS table 55
-    const uint8_t ctrl2 = chip->die.reg[REG_CTRL2_G];
-    const int range = ctrl2 & FS_125 ? 4 : (ctrl2 >> FS_SHIFT) & FS_MASK;
-    const uint8_t test = (chip->die.reg[REG_CTRL5_C] >> ST_G_SHIFT) & ST_MASK;
-    const double part =
-        sign[test] * sensor_chip_response(&chip->base, CHIP_FAULT_GYR_SELF_TEST, DIE) *
-        response_part[range];
-    const bool is_good =
-        chip->base.wire.now_ns - chip->gyr_on_ns >= chip->config.gyr_turn_on_ns;
-    double mean[AXES];
-    sensor_chip_low_passed(&chip->base, CHIP_GYR, lowpass[code_of(chip, GYR)],
-                           period_ns(chip, GYR), mean);
-    for (int axis = 0; axis < AXES; axis++) {
-        const double dps =
-            mean[axis] / RAD_PER_DEG + part * chip->config.gyr_self_test_dps[axis];
-        counts[axis] = is_good ? dps * 1000.0 / mdps_per_count[range] : 0.0;
+    // QC: accel_group_delay.
+    static const double acc_delay_ms[LSM6_RATES] = {57.69, 28.89, 14.44, 7.22, 3.74,
+                                                    1.93,  1.03,  0.58,  0.36, 0.25};
+    const int rate = rate_number(chip, source);
+    if (source == ACC) {  // DS figure 17: LPF1 has half the rate.
+        return (struct lowpass){1e9 / period_ns(chip, ACC) / 2.0,
+                                acc_delay_ms[rate] * LSM6DSOX_HZ / chip->clock_hz};
     }
+    return (struct lowpass){gyr[rate].bandwidth_hz * chip->clock_hz / LSM6DSOX_HZ,
+                            gyr[rate].delay_ms * LSM6DSOX_HZ / chip->clock_hz};
 }
 
-static void sense_accel(struct lsm6dsox_chip *chip, double counts[AXES]) {
-    // QC: accel_group_delay.
-    static const double delay_ms[ODR_LAST] = {57.69, 28.89, 14.44, 7.22, 3.74,
-                                              1.93,  1.03,  0.58,  0.36, 0.25};
-    // AD: the code's order is 2, 16, 4, 8 g, as DS table 45 has 4, 32, 8, 16 g.
-    static const double mg_per_count[4] = {0.061, 0.488, 0.122, 0.244};
-    static const double sign[4] = {0, 1, -1, 0};  // DS table 56
+static void sense_inertial(struct lsm6dsox_chip *chip, enum source source,
+                           double counts[AXES]) {
+    const bool is_gyr = source == GYR;
     const uint8_t *reg = chip->die.reg;
-    const double mg = mg_per_count[(reg[REG_CTRL1_XL] >> FS_SHIFT) & FS_MASK];
-    const double test =
-        sign[reg[REG_CTRL5_C] & ST_MASK] *
-        sensor_chip_response(&chip->base, CHIP_FAULT_ACC_SELF_TEST, DIE);
-    const double period = period_ns(chip, ACC);
-    // DS figure 17: LPF1 has half the rate.
-    const struct lowpass lowpass = {1e9 / period / 2.0, delay_ms[code_of(chip, ACC)]};
+    const int range = lsm6_field(reg, family(chip)->range[source]);
+    const double part =
+        sensor_chip_response(
+            &chip->base, is_gyr ? CHIP_FAULT_GYR_SELF_TEST : CHIP_FAULT_ACC_SELF_TEST,
+            DIE) *
+        family(chip)->sign[source][lsm6_field(reg, family(chip)->test[source])] *
+        (is_gyr ? family(chip)->gyr_response[range] * 1000.0 : 1.0);
+    const double *answers =
+        is_gyr ? chip->config.gyr_self_test_dps : chip->config.acc_self_test_mg;
+    const double unit = (is_gyr ? RAD_PER_DEG : STANDARD_GRAVITY) / 1000.0;
+    const bool is_good = !is_gyr || chip->base.wire.now_ns - chip->gyr_on_ns >=
+                                        chip->config.gyr_turn_on_ns;
     double mean[AXES];
-    sensor_chip_low_passed(&chip->base, CHIP_ACC, lowpass, period, mean);
+    sensor_chip_low_passed(&chip->base, (enum chip_quantity)source,
+                           lowpass_of(chip, source), period_ns(chip, source), mean);
     for (int axis = 0; axis < AXES; axis++) {
-        counts[axis] = (mean[axis] * 1000.0 / STANDARD_GRAVITY +
-                        test * chip->config.acc_self_test_mg[axis]) /
-                       mg;
+        const double value = mean[axis] / unit + part * answers[axis];
+        counts[axis] = is_good ? value / family(chip)->per_count[source][range] : 0.0;
     }
 }
 
 // Measures: `latest` of the sensor.
 static void sense(struct lsm6dsox_chip *chip, enum source source) {
     double counts[AXES] = {0.0, 0.0, 0.0};
-    if (source == GYR) {
-        sense_gyro(chip, counts);
-    } else if (source == ACC) {
-        sense_accel(chip, counts);
+    if (source != TEMP) {
+        sense_inertial(chip, source, counts);
     } else {
         // DS table 5: 256 LSB/degC, 0 at 25 degC.
         counts[0] = (chip->base.config.temperature_c - 25.0) * 256.0;
@@ -262,8 +218,6 @@ static void sense(struct lsm6dsox_chip *chip, enum source source) {
 }
 
 // Outputs: a sample that arrives, a byte that is read, BDU between them
-
-#define PULSE_NS UINT64_C(75000)  // DS table 34
 
 static const struct place {
     uint8_t reg, flag, words;
@@ -297,8 +251,8 @@ static void take_sample(struct lsm6dsox_chip *chip, enum source source) {
     }
     chip->die.reg[REG_STATUS] |= places[source].flag;
     sensor->is_signalled = true;
-    if (chip->die.reg[REG_COUNTER_BDR_REG1] & DATAREADY_PULSED) {
-        chip->pulse_end = chip->base.wire.now_ns + PULSE_NS;
+    if (lsm6_field(chip->die.reg, family(chip)->pulsed) != 0) {
+        chip->pulse_end = chip->base.wire.now_ns + family(chip)->pulse_ns;
     }
     if (sensor->settling > 0) {
         sensor->settling--;
@@ -320,7 +274,7 @@ static void release(struct lsm6dsox_chip *chip, uint8_t reg) {
         chip->die.reg[REG_STATUS] &= (uint8_t)~places[source].flag;
         sensor->is_signalled = false;
     }
-    if ((chip->die.reg[REG_CTRL3_C] & BDU) && st_word_waited(&sensor->words, number)) {
+    if ((chip->die.reg[REG_CTRL3] & BDU) && st_word_waited(&sensor->words, number)) {
         show(chip, source, number / 2);
         chip->die.reg[REG_STATUS] |= places[source].flag;
         sensor->is_signalled = true;
@@ -346,7 +300,7 @@ static void release_all(struct lsm6dsox_chip *chip) {
 static bool pin_is_high(const void *self, unsigned pin) {
     const struct lsm6dsox_chip *chip = self;
     const uint8_t *reg = chip->die.reg;
-    const bool is_pulsed = (reg[REG_COUNTER_BDR_REG1] & DATAREADY_PULSED) != 0;
+    const bool is_pulsed = lsm6_field(reg, family(chip)->pulsed) != 0;
     const uint8_t enabled = reg[REG_INT1_CTRL];
     const bool is_ready =
         ((enabled & INT_DRDY_XL) && chip->sensors[ACC].is_signalled) ||
@@ -357,26 +311,9 @@ static bool pin_is_high(const void *self, unsigned pin) {
 
 // Registers
 
-// DS 9; those that any firmware here uses, and their neighbours.
-static const struct st_rule rules[] = {
-    {REG_COUNTER_BDR_REG1, 0x18, 0x67},
-    {REG_INT1_CTRL, 0x00, 0xFC},
-    {REG_INT2_CTRL, 0x80, 0x7F},
-    {REG_CTRL1_XL, 0x01, 0x02},
-    {REG_CTRL2_G, 0x01, 0x00},
-    {REG_CTRL3_C, 0x02, 0xA8},  // BOOT, H_LACTIVE, SPI
-    {REG_CTRL4_C, 0x91, 0x6E},
-    {REG_CTRL5_C, 0x00, 0xF0},   // ultra-low power, circular bursts
-    {REG_CTRL6_C, 0x00, 0xF8},   // DEN, low power, offsets
-    {REG_CTRL7_G, 0x08, 0xC7},   // low power, high-pass, OIS, offsets
-    {REG_CTRL8_XL, 0x00, 0x1E},  // high-pass, fast settling, the other ranges
-    {REG_CTRL9_XL, 0x01, 0x1C},  // DEN
-    {REG_CTRL10_C, 0xDF, 0x20},  // timestamps
-};
-
 // DS table 50: IF_INC.
 static void step(struct lsm6dsox_chip *chip) {
-    chip->die.moves_on = (chip->die.reg[REG_CTRL3_C] & IF_INC) != 0;
+    chip->die.moves_on = (chip->die.reg[REG_CTRL3] & IF_INC) != 0;
     st_step(&chip->die);
 }
 
@@ -401,28 +338,48 @@ static void begin_reset(struct lsm6dsox_chip *chip) {
     chip->die.wait_end = chip->base.wire.now_ns + chip->config.reset_ns;
 }
 
-static void check(struct lsm6dsox_chip *chip) {
+// What the documents forbid; null: nothing.
+static const char *wrong(const struct lsm6dsox_chip *chip, uint8_t at, uint8_t old) {
+    const struct lsm6_family *own = family(chip);
     const uint8_t *reg = chip->die.reg;
-    if (rate_code(chip, ACC) > ODR_LAST || rate_code(chip, GYR) > ODR_LAST) {
-        // DS tables 44, 48; of the accelerometer 11 is 1.6 Hz in low power.
-        sensor_chip_complain(&chip->base, "a data rate that is not allowed");
+    int mode[2], code[2];
+    for (int i = GYR; i <= ACC; i++) {
+        code[i] = lsm6_field(reg, own->rate[i]);
+        mode[i] = lsm6_field(reg, own->mode[i]);
+        if (code[i] >= own->first_rate + LSM6_RATES ||
+            (code[i] > 0 && code[i] < own->first_rate)) {
+            // DS tables 44, 48; others are of low power.
+            return "a data rate that is not allowed";
+        }
+        if (own->per_count[i][lsm6_field(reg, own->range[i])] == 0.0) {
+            return "a range that does not exist";
+        }
+        if (isnan(own->sign[i][lsm6_field(reg, own->test[i])])) {  // DS tables 55, 56
+            return "a self-test that is not allowed";
+        }
+        if (own->stays_in_operation && code[i] > 0 && reg[at] != old &&
+            (at == own->range[i].reg || at == own->rates.reg)) {
+            return "a sensor is changed while it runs";
+        }
     }
-    if (((reg[REG_CTRL5_C] >> ST_G_SHIFT) & ST_MASK) == 2 ||
-        (reg[REG_CTRL5_C] & ST_MASK) == 3) {  // DS tables 55, 56
-        sensor_chip_complain(&chip->base, "a self-test that is not allowed");
-    }
+    return code[GYR] > 0 && code[ACC] > 0 && mode[GYR] != mode[ACC]
+               ? "sensors that run in two modes"
+               : NULL;
 }
 
 static void wrote(struct lsm6dsox_chip *chip, uint8_t at, uint8_t old) {
     const uint8_t value = chip->die.reg[at];
-    check(chip);
-    if (at == REG_CTRL2_G && (old >> ODR_SHIFT) == ODR_OFF) {
+    const char *complaint = wrong(chip, at, old);
+    if (complaint != NULL) {
+        sensor_chip_complain(&chip->base, complaint);
+    }
+    if (at == REG_CTRL2 && chip->sensors[GYR].divider == 0) {
         chip->gyr_on_ns = chip->base.wire.now_ns;
     }
-    if (at == REG_CTRL3_C && ((old ^ value) & BDU)) {
+    if (at == REG_CTRL3 && ((old ^ value) & BDU)) {
         release_all(chip);
     }
-    if (at == REG_CTRL3_C && (value & SW_RESET)) {
+    if (at == REG_CTRL3 && (value & SW_RESET)) {
         begin_reset(chip);
     }
     set_rates(chip);
@@ -433,7 +390,7 @@ static void write_byte(void *self, uint8_t die, uint8_t value) {
     const uint8_t at = chip->die.pointer;
     const uint8_t old = chip->die.reg[at];
     const struct st_rule *rule =
-        st_find_rule(rules, sizeof rules / sizeof rules[0], at);
+        st_find_rule(family(chip)->rules, family(chip)->rules_count, at);
     (void)die;
     // DS 10: what is no register may damage it permanently.
     if (st_write(&chip->base, &chip->die, rule, "reset", value)) {
@@ -463,16 +420,15 @@ static void set_pointer(void *self, uint8_t die, uint8_t byte) {
 
 // Life
 
-// The registers as after power-up (DS table 20).
+// The registers as after power-up.
 static void reset(struct lsm6dsox_chip *chip) {
-    // DS table 141: steps of 0.15 %.
-    const double fine = rint(chip->config.rate_error_ppm / 1500.0);
     memset(chip->die.reg, 0, sizeof chip->die.reg);
-    chip->die.reg[0x02] = 0x3F;  // PIN_CTRL
     chip->die.reg[REG_WHO_AM_I] = chip->config.who_am_i;
-    chip->die.reg[REG_CTRL3_C] = IF_INC;
-    chip->die.reg[REG_CTRL9_XL] = 0xE0;
-    chip->die.reg[REG_INTERNAL_FREQ_FINE] =
+    chip->die.reg[REG_CTRL3] = IF_INC;
+    chip->die.reg[REG_PIN_CTRL] = family(chip)->pin_ctrl;
+    chip->die.reg[REG_CTRL9] = family(chip)->ctrl9;
+    const double fine = rint(chip->config.rate_error_ppm / family(chip)->fine_ppm);
+    chip->die.reg[family(chip)->fine] =
         (uint8_t)(int8_t)fmin(fmax(fine, INT8_MIN), INT8_MAX);
     for (int i = 0; i < SOURCES; i++) {
         const uint64_t samples = chip->sensors[i].samples;
@@ -538,7 +494,7 @@ static uint64_t samples(const void *self, enum chip_quantity quantity) {
 }
 
 static const struct sensor_model model = {
-    .name = "LSM6DSOX",
+    .name = "LSM6DS",
     .wire = {.find_die = find_die,
              .set_pointer = set_pointer,
              .write = write_byte,
@@ -551,18 +507,6 @@ static const struct sensor_model model = {
     .peek = peek,
     .samples = samples,
 };
-
-struct lsm6dsox_chip_config lsm6dsox_chip_defaults(void) {
-    return (struct lsm6dsox_chip_config){
-        // AN5192, memory: boot; AN 4.1 has 15 ms.
-        .sensor = {.temperature_c = 25.0, .startup_ns = 10 * MS},
-        .reset_ns = 50 * US,        // AN5192, memory; LX waits 50 ms
-        .gyr_turn_on_ns = 70 * MS,  // AN table 14, the maximum; DS table 4 has 35
-        .who_am_i = 0x6C,           // DS table 41; AD: LSM6DSOX_CHIP_ID
-        .gyr_self_test_dps = {400.0, 400.0, 400.0},
-        .acc_self_test_mg = {420.0, 390.0, 510.0},  // SO: 50 to 1700
-    };
-}
 
 struct sensor_chip *lsm6dsox_chip_new(const struct lsm6dsox_chip_config *config) {
     return sensor_chip_new(&model, sizeof(struct lsm6dsox_chip), config,

@@ -194,6 +194,10 @@ def test_an_event_appears_in_the_row_of_its_cause(
         ((0x6C, 0x3D), "lsm6dsox", {}),
         ((0x6B, 0x3D), "lsm6dsox", {"accelerometer noise": LOOK}),
         ((0x6C, 0), "lsm6dsox", {"magnetometer": FAULT}),
+        (
+            *((0x70, 0x3D), "lsm6dsv16x"),
+            {"inertial chip": LOOK, "accelerometer noise": LOOK},
+        ),
     ],
 )
 def test_a_chip_is_named_by_its_identity(

@@ -18,6 +18,7 @@ from imud.probes.self_test import verdicts_of
 from imud.probes.sensors import (
     findings_of,
     has_magnetometer,
+    identity_words,
     missing_magnetometer,
     sensor_words,
 )
@@ -76,6 +77,12 @@ def output_of(chain: Chain, *names: str) -> str:
             "power off and on; if that does not help, replace the module",
         ),
         (hello_of("lsm6dsox", 0x6C, 0x3D), ""),
+        (hello_of("lsm6dsv16x", 0x70, 0x3D), ""),
+        (
+            hello_of("lsm6dsv16x", 0x70, 0),
+            "no LIS3MDL answers beside this sensor (at 0x1C or 0x1E), or it measures "
+            "nothing: no heading",
+        ),
         (
             hello_of("lsm6dsox", 0x6C, 0),
             "no LIS3MDL answers beside this sensor (at 0x1C or 0x1E), or it measures "
@@ -105,6 +112,13 @@ def test_a_relative_has_limits_of_its_own() -> None:
     assert chip_of(hello_of("mpu9250", 0x6B, 0)).acc_noise_mg == 8.0
 
 
+def test_two_chips_of_one_identity_are_told_apart_by_their_driver() -> None:
+    found = [chip_of(hello_of(word, 0x70, 0)) for word in ("mpu6500", "lsm6dsv16x")]
+    assert [each.name for each in found] == ["MPU-9250", "LSM6DSV16X"]
+    assert identity_words(0x70, "mpu6500") == "0x70 (MPU-6500)"
+    assert identity_words(0x70) == "0x70 (MPU-6500 or LSM6DSV16X or LSM6DSV)"
+
+
 @pytest.mark.parametrize(
     ("hello", "words"),
     [
@@ -112,6 +126,7 @@ def test_a_relative_has_limits_of_its_own() -> None:
         (hello_of("mpu6500", 0x70, 0), "mpu6500"),
         (hello_of("lsm6dsox", 0x6C, 0x3D), "lsm6dsox"),
         (hello_of("lsm6dsox", 0x6B, 0x3D), "lsm6dsox, answers 0x6B (ISM330DHCX)"),
+        (hello_of("lsm6dsv16x", 0x70, 0x3D), "lsm6dsv16x (untried)"),
         (hello_of("mpu6500", 0x78, 0), "mpu6500, answers 0x78 (MPU-6880)"),
         (hello_of("mpu9250", 0x75, 0x48), "mpu9250, answers 0x75"),
     ],

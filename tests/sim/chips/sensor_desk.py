@@ -15,12 +15,15 @@ Triple = tuple[float, float, float]
 class SensorDesk:
     """A sensor's model, the time in ns, and an I2C master at 400 kHz."""
 
-    def __init__(self, name: str, ffi: Any, lib: Any, **config: Any) -> None:
-        self.name = name
+    def __init__(
+        self, name: str, ffi: Any, lib: Any, relative: str = "", **config: Any
+    ) -> None:
+        """`relative`: the chip that the model is to be, if it is not `name`."""
+        self.name = relative or name
         self.ffi = ffi
         self.lib = lib
         self.config = ffi.new(f"struct {name}_chip_config *")
-        self.config[0] = getattr(lib, f"{name}_chip_defaults")()
+        self.config[0] = getattr(lib, f"{self.name}_chip_defaults")()
         sensor = self.config.sensor
         for key, value in config.items():
             if key == "motion":

@@ -75,7 +75,7 @@ def pair() -> Module:
 
 def test_a_module_has_its_chips() -> None:
     found = {}
-    for name in ("mpu9250", "lsm6dsox", "ism330dhcx"):
+    for name in ("mpu9250", "lsm6dsox", "ism330dhcx", "lsm6dsv16x"):
         module = Module(name)
         answers = {at: module.read(at, 0x0F) for at in range(128)}
         found[name] = {at: who for at, who in answers.items() if who is not NOBODY}
@@ -83,6 +83,7 @@ def test_a_module_has_its_chips() -> None:
     assert found == {
         "lsm6dsox": {MAG: [0x3D], IMU: [0x6C]},
         "ism330dhcx": {MAG: [0x3D], IMU: [0x6B]},
+        "lsm6dsv16x": {MAG: [0x3D], IMU: [0x70]},
     }
 
 

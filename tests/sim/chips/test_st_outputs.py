@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from sim.chips import lis3mdl_desk, lsm6dsox_desk, lsm9ds0_desk
+from sim.chips import lis3mdl_desk, lsm6dsox_desk, lsm6dsv16x_desk, lsm9ds0_desk
 from sim.chips.sensor_desk import ACC, GYR, MAG, MS, recorder
 
 SENSORS = {
@@ -19,6 +19,8 @@ SENSORS = {
     "LSM9DS0 magnetometer": (lsm9ds0_desk, MAG),
     "LSM6DSOX gyroscope": (lsm6dsox_desk, GYR),
     "LSM6DSOX accelerometer": (lsm6dsox_desk, ACC),
+    "LSM6DSV16X gyroscope": (lsm6dsv16x_desk, GYR),
+    "LSM6DSV16X accelerometer": (lsm6dsv16x_desk, ACC),
     "LIS3MDL": (lis3mdl_desk, MAG),
 }
 every_sensor = pytest.mark.parametrize("which", SENSORS.values(), ids=SENSORS)
@@ -88,7 +90,7 @@ def test_all_is_off_after_power_up(which: tuple[Any, int]) -> None:
     assert not chip.has_new(quantity)
 
 
-XYZ_STATUS = [name for name in SENSORS if "LSM6DSOX" not in name]
+XYZ_STATUS = [name for name in SENSORS if "LSM6DS" not in name]
 
 
 @pytest.mark.parametrize("sensor", XYZ_STATUS, indirect=True)

@@ -3,7 +3,8 @@
 
 Numbers are typed from the data sheets (DS) of the LSM9DS0, DocID024763 rev 2, of the
 LSM6DSO32, DocID032891 rev 1, and of the LIS3MDL, DocID024204 rev 4, as others quote it,
-not taken from the models. Registers have their names there.
+not taken from the models. Registers have their names there. Those of the LSM6DSV16X are
+from ST's driver of the LSM6DSV, lsm6dsv_reg.h.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from sim.chips import lis3mdl_desk, lsm6dsox_desk, lsm9ds0_desk
+from sim.chips import lis3mdl_desk, lsm6dsox_desk, lsm6dsv16x_desk, lsm9ds0_desk
 from sim.chips.sensor_desk import SensorDesk
 
 
@@ -123,6 +124,30 @@ LSM6DSOX = Die(
     ],
     on=0,
 )
+LSM6DSV16X = Die(
+    lsm6dsv16x_desk,
+    0x6A,
+    {0x6A: {"sa0": False}, 0x6B: {"sa0": True}},
+    {0x0F: 0x70, 0x12: 0x04},
+    {0x0B, 0x0D, 0x0E, *range(0x10, 0x1A), 0x62},
+    [
+        (0x0D, 0x04, 0x00),
+        (0x11, 0x80, 0x00),
+        (0x12, 0x24, 0x04),
+        (0x17, 0x04, 0x00),
+        (0x62, 0x04, 0x00),
+    ],
+    [
+        (0x03, 0x01),  # neither I2C nor I3C
+        (0x10, 0x47),  # low power
+        (0x12, 0x84),  # reboot
+        (0x13, 0x08),  # DRDY_MASK
+        (0x16, 0x01),  # LPF1 of the gyroscope
+        (0x17, 0x08),  # the second channel
+        (0x18, 0x08),  # LPF2 of the accelerometer
+    ],
+    on=0,
+)
 LIS3MDL = Die(
     lis3mdl_desk,
     0x1C,
@@ -149,7 +174,8 @@ LIS3MDL = Die(
         (0x30, 0xE9),
     ],
 )
-DIES = {"G": G, "XM": XM, "LSM6DSOX": LSM6DSOX, "LIS3MDL": LIS3MDL}
+DIES = {"G": G, "XM": XM, "LSM6DSOX": LSM6DSOX}
+DIES |= {"LSM6DSV16X": LSM6DSV16X, "LIS3MDL": LIS3MDL}
 every_die = pytest.mark.parametrize("die", DIES.values(), ids=DIES)
 
 
