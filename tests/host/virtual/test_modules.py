@@ -103,10 +103,11 @@ def test_the_pair_is_as_bad_as_its_documents_allow() -> None:
     assert 0.9 < np.abs(rate).max() <= 1.0
     own = np.array([each.mag_bias for each in drawn])
     assert 95.0 < np.abs(own).max() <= 100.0
-    # 3.8 mdps, 80 ug in the root of a Hz, 3.5 mgauss: in records that are averaged.
+    # 3.8 mdps, 110 ug in the root of a Hz at the 16 g of the driver, 3.5 mgauss: in
+    # records that are averaged.
     noise = drawn[0].noise.noise(1000.0)[:, 0]
     averaged = noise / np.sqrt([6.63, 4.25, 6.45])
-    expected = [math.radians(3.8e-3 * 66.8**0.5), 80e-3 * 104.2**0.5 * MG, 0.35]
+    expected = [math.radians(3.8e-3 * 66.8**0.5), 110e-3 * 104.2**0.5 * MG, 0.35]
     assert averaged == pytest.approx(expected, rel=0.001)
 
 
