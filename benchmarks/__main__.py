@@ -70,6 +70,11 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "the daemon: latency, CPU, memory",
         "host/daemon.py",
     ),
+    "bridge": (
+        "imud bridge: rate, loss, latency, CPU; Foxglove both ways",
+        "host/bridge.py",
+        "host/served.py",
+    ),
     "attacks": (
         "an hour of attacks on the daemon, beside its clients",
         "host/attacks.py",

@@ -104,17 +104,20 @@ for _name in PICOS:
         *(Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")), NEWLIB),
         *(Need("nodejs", has("node")), Need("npm", has("npm"))),
     )
+# Of imud bridge. Where the package of a broker would start it, now and at each boot, it
+# is left out, and so are the tests that need it.
 SYSTEMD_RUNS = Path("/run/systemd/system")
+OTHER_ENDS = (
+    Need("liblo-tools", has("oscdump")),
+    Need("mosquitto", lambda: has("mosquitto")() or SYSTEMD_RUNS.exists()),
+)
 TEST_NEEDS = (
     NEWLIB,
     # Independent tools that check a card which `imud card prepare` made.
     Need("dosfstools", has("fsck.fat")),
     Need("mtools", has("mdir")),
     Need("fdisk", has("sfdisk")),
-    # The other ends of imud bridge. Where a package would start its broker at once, and
-    # at each boot, it is left out, and so are the tests that need it.
-    Need("liblo-tools", has("oscdump")),
-    Need("mosquitto", lambda: has("mosquitto")() or SYSTEMD_RUNS.exists()),
+    *OTHER_ENDS,
     # For systemd-analyze; not installed where another init system is in use.
     Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )
@@ -150,6 +153,7 @@ RELEASE_NEEDS = (
 def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
     needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
     needs += TEST_NEEDS if command in ("test", "test-long", "coverage") else ()
+    needs += OTHER_ENDS if command == "bench" else ()
     needs += (OCTAVE,) if command == "test-long" else ()
     needs += RELEASE_NEEDS if command == "release" else ()
     needs += CHECK_NEEDS if command == "check" else ()
