@@ -21,14 +21,6 @@ from imud.client.published import Published
 from imud.config.settings import Config
 from imud.journal.output import journal_on_stderr
 
-# By name: the module of an output, and its class there.
-OUTPUTS = {
-    "osc": "OscOutput",
-    "vmc": "VmcOutput",
-    "lsl": "LslOutput",
-    "mqtt": "MqttOutput",
-    "mavlink": "MavlinkOutput",
-}
 TICK_S = 1.0
 TELL_S = 10.0  # at least between two lines about messages that are missing
 
@@ -122,10 +114,12 @@ class Runner:
 
 
 def opened(name: str, config: Config) -> Output:
-    """ConfigError without its library, or for a setting that can't be."""
+    """`osc` is OscOutput of osc.py, with its section of the settings. ConfigError
+    without its library, or for a setting that can't be.
+    """
     module = importlib.import_module(f"imud.bridge.{name}")
-    output: Output = getattr(module, OUTPUTS[name])(getattr(config, name))
-    return output
+    made: Output = getattr(module, f"{name.capitalize()}Output")(getattr(config, name))
+    return made
 
 
 def run(names: Sequence[str], config: Config, seconds: float | None) -> int:

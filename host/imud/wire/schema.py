@@ -551,8 +551,6 @@ RECORDS = (
     RecordType(
         "name",
         6,
-        (
-            Field("text", 0, "u8", 24),
-        ),
+        (Field("text", 0, "u8", 24),),
     ),
 )
