@@ -49,7 +49,7 @@ class OscOutput(Output):
         for name, values in parts.items():
             message = self._messages.OscMessageBuilder(f"{start}/{name}")
             for value in values:
-                message.add_arg(value, "s" if isinstance(value, str) else "f")
+                message.add_arg(value)
             bundle.add_content(message.build())
         self._udp.send(bundle.build().dgram)
 

@@ -29,7 +29,9 @@ STANDING = np.array([math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0])
 
 
 class VmcOutput(Output):
-    """Of a pose or a body at once what is known, and whether the tracking is good."""
+    """Of a pose or a body at once what is known; once a second whether the tracking is
+    good: all of the body, or a probe where there is none.
+    """
 
     topics = ("pose", "status", "body")
 
@@ -39,14 +41,16 @@ class VmcOutput(Output):
         self.rate_hz = settings.rate_hz
         self._udp = Udp("vmc", settings.to)
         self._calibration = CALIBRATION["running"]
-        self._is_tracking = False
+        self._is_tracking = self._has_body = False
 
     def pose(self, pose: Pose) -> None:
         quat = shown(pose, relative_heading=self._settings.relative_heading).q
         if quat is not None:
             self._place("Tra", pose.probe, tracker_rotation(quat))
+            self._is_tracking |= not self._has_body
 
     def body(self, body: Body) -> None:
+        self._has_body = True
         self._calibration = CALIBRATION.get(body.stage, 0)
         bones = bones_of(body)
         for bone, rotation in bones.items():
@@ -55,19 +59,18 @@ class VmcOutput(Output):
 
     def tick(self) -> None:
         tracking, self._is_tracking = self._is_tracking, False
-        self._send("OK", (1, self._calibration, 0, int(tracking)), "i")
-        self._send("T", (time.monotonic(),), "f")
+        self._send("OK", 1, self._calibration, 0, int(tracking))
+        self._send("T", time.monotonic())
 
     def _place(self, kind: str, name: str, rotation: Quat) -> None:
         w, x, y, z = rotation
         # The format has no message without a place; receivers have it from the model.
-        self._send(f"{kind}/Pos", (name, 0.0, 0.0, 0.0, x, y, z, w), "f")
-        self._is_tracking |= kind == "Tra"
+        self._send(f"{kind}/Pos", name, 0.0, 0.0, 0.0, x, y, z, w)
 
-    def _send(self, end: str, values: tuple[float | str, ...], kind: str) -> None:
+    def _send(self, end: str, *values: float | str) -> None:
         message = self._messages.OscMessageBuilder(f"/VMC/Ext/{end}")
         for value in values:
-            message.add_arg(value, "s" if isinstance(value, str) else kind)
+            message.add_arg(value)
         self._udp.send(message.build().dgram)
 
     def close(self) -> None:

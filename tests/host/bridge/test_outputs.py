@@ -39,10 +39,12 @@ from imud.bridge.mavlink import MavlinkOutput
 from imud.bridge.mqtt import MqttOutput
 from imud.bridge.osc import OscOutput
 from imud.bridge.output import AWAY
+from imud.bridge.run import opened
 from imud.bridge.vmc import VmcOutput, bones_of
 from imud.cli import main
 from imud.client import Body, Event, Mark, Segment
 from imud.config.settings import (
+    Config,
     LslSettings,
     MavlinkSettings,
     MqttSettings,
@@ -137,25 +139,21 @@ def test_a_receiver_that_is_away_is_told_of_once(
 
 
 @pytest.mark.parametrize(
-    ("module", "make", "extra"),
+    ("name", "extra", "module"),
     [
-        ("pythonosc.osc_message_builder", lambda: OscOutput(OscSettings()), "osc"),
-        ("pythonosc.osc_message_builder", lambda: VmcOutput(VmcSettings()), "osc"),
-        ("pylsl", lambda: LslOutput(LslSettings()), "lsl"),
-        ("paho.mqtt.client", lambda: MqttOutput(MqttSettings()), "mqtt"),
-        (
-            "pymavlink.dialects.v20.common",
-            lambda: MavlinkOutput(MavlinkSettings()),
-            "mavlink",
-        ),
+        ("osc", "osc", "pythonosc.osc_message_builder"),
+        ("vmc", "osc", "pythonosc.osc_message_builder"),
+        ("lsl", "lsl", "pylsl"),
+        ("mqtt", "mqtt", "paho.mqtt.client"),
+        ("mavlink", "mavlink", "pymavlink.dialects.v20.common"),
     ],
 )
 def test_without_its_library_an_output_says_what_to_install(
-    module: str, make: Any, extra: str, monkeypatch: pytest.MonkeyPatch
+    name: str, extra: str, module: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ConfigError, match=rf"pip install 'imu-probe\[{extra}\]'"):
-        make()
+        opened(name, Config())
 
 
 def body(**turns: Any) -> Body:
@@ -175,7 +173,7 @@ def body(**turns: Any) -> Body:
         t_ns=0,
         t_bound_us=None,
         stage="running",
-        missing=(),
+        missing=tuple(each.name for each in segments if each.q is None),
         segments=tuple(segments),
         joints=(),
     )
@@ -223,8 +221,13 @@ def test_vmc_says_whether_the_tracking_is_good() -> None:
         assert place == pytest.approx([0, 0, 0, -0.36, 0.0, 0.48, 0.8])
         output.body(body(foot=None))
         assert [heard()[1][0] for _ in range(2)] == ["RightUpperLeg", "RightLowerLeg"]
-        output.tick()
-        assert heard() == ("/VMC/Ext/OK", [1, 3, 0, 1])
+        for missing, tracking in ((None, 0), ((0.0, 0.0, 0.0), 1)):
+            output.body(body(foot=missing))
+            output.pose(pose())
+            output.tick()
+            while (told := heard())[0] != "/VMC/Ext/OK":
+                pass
+            assert told[1] == [1, 3, 0, tracking]
         output.close()
 
 
