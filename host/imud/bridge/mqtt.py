@@ -105,7 +105,8 @@ class MqttOutput(Output):
             return  # until its first status
         stated = shown(pose, relative_heading=False)
         tilt = math.degrees(math.acos(max(-1.0, min(1.0, matrix_rows(pose.q)[2][2]))))
-        heading = angles_deg(pose.q, "aerospace").yaw_deg % 360.0
+        yaw = angles_deg(pose.q, "aerospace").yaw_deg
+        heading = round(yaw, self._settings.digits) % 360.0  # never 360.0
         has_level = stated.tilt_sigma_deg is not None
         found = (
             tilt if has_level else None,
