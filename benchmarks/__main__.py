@@ -26,6 +26,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
     "afterwards": (
         "errors of poses that imud refine estimates, beside VQF offline",
         "accuracy/afterwards.py",
+        "strokes/afterwards.py",
         "accuracy/unsaid.py",
     ),
     "honesty": (

@@ -128,11 +128,18 @@ def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
 
 def measure(run: Run) -> Found:
     """The strokes of a run, as the probe finds them."""
+    ends = [*ends_of(run)]
+    turned = np.array([angle for _, _, angle in ends])
+    return found_of([message for message, _, _ in ends], turned, run.true)
+
+
+def ends_of(run: Run) -> Iterator[tuple[Message, float, float]]:
+    """What the probe tells when a stroke has ended, when, and by how much its heading
+    is wrong then, rad.
+    """
     replay = Replay(run.sampled.hello, params_of(run.case))
     changes = run.presses()
     at_s, is_held = next(changes, (np.inf, False))
-    ends: list[Message] = []
-    turned: list[float] = []
     for raw, time_s in zip(run.sampled.raws, run.sampled.times_s, strict=True):
         if time_s >= at_s:
             replay.hold(is_held)
@@ -142,17 +149,14 @@ def measure(run: Run) -> Found:
         if content is not None:
             stroke = feed.message_of(content)
             if stroke.fields["end"] != "running":
-                ends.append(stroke)
-                pose = replay.pose(0, 0)
-                turned.append(heading_of(pose, run.exact, float(time_s)))
-    return found_of(ends, np.array(turned), run.true)
+                quat = np.array(feed.message_of(replay.pose(0, 0)).fields["q"], float)
+                yield stroke, float(time_s), heading_of(quat, run.exact, time_s)
 
 
-def heading_of(pose: bytes, exact: Motion, time_s: float) -> float:
+def heading_of(quat: FloatArray, exact: Motion, time_s: float) -> float:
     """By how much the heading is wrong at a time, rad: no error of a stroke."""
     assert exact.quat is not None
     true = exact.quat[min(round(time_s * HAND_RATE_HZ), len(exact) - 1)]
-    quat = np.array(feed.message_of(pose).fields["q"], float)
     w, _, _, z = rotation.multiply(quat, rotation.inverse(true))
     return float(2.0 * np.arctan2(z, w))
 

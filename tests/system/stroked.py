@@ -49,7 +49,8 @@ def found_by(capture: Capture, run: Run) -> Found:
     for event in capture.received:
         if event.message.name == "pose":
             time_s = 1e-6 * event.stamp.t_device_us - start_s
-            off = heading_of(event.content, run.exact, time_s)
+            quat = np.array(event.message.fields["q"], float)
+            off = heading_of(quat, run.exact, time_s)
         if event.message.fields.get("end", "running") != "running":
             ends.append(event.message)
             turned.append(off)

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from imud.errors import FileError, ProbeUnknown
@@ -17,6 +19,7 @@ from imud.log.reader import Logged, LogHead, salvage, size_of
 from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
 from imud.progress import Progress
+from imud.published import Stroke
 from imud.recordings.damage import DamageCount
 from imud.recordings.decode import Tally, events_of_log
 from imud.refine.model import Recording
@@ -53,6 +56,7 @@ class Stretch:
     is_bad: array[int] = field(default_factory=lambda: array("b"))
     poses_us: array[float] = field(default_factory=lambda: array("d"))
     poses: array[float] = field(default_factory=lambda: array("f"))
+    strokes: list[tuple[Stroke, int]] = field(default_factory=list)  # received, ns
     digest: int | None = None
 
     def add(self, event: Received) -> None:
@@ -76,6 +80,13 @@ class Stretch:
         about = float("tared" in flags), float(cause % len(CAUSES))
         self.poses_us.append(event.stamp.t_device_us)
         self.poses.extend((*fields["q"], *known, *about))
+
+    def add_stroke(self, record: Logged) -> None:
+        """One that has ended, as the daemon published it."""
+        with contextlib.suppress(msgspec.MsgspecError):
+            stroke = msgspec.json.decode(record.data, type=Stroke)
+            if stroke.displacement_m is not None and stroke.end != "running":
+                self.strokes.append((stroke, record.t_ns))
 
     @property
     def seconds(self) -> float:
@@ -138,6 +149,10 @@ def stretches_of(path: Path, damage: DamageCount, probe: str | None) -> list[Str
     prefixes: dict[str, str] = {}
     try:
         for name, event in _events(path, damage, bar, prefixes):
+            if isinstance(event, Logged):
+                if name in latest:
+                    latest[name].add_stroke(event)
+                continue
             if probe is not None and name != probe:
                 continue
             if isinstance(event, ProbeFound):
@@ -167,21 +182,26 @@ def stretches_of(path: Path, damage: DamageCount, probe: str | None) -> list[Str
 
 def _events(
     path: Path, damage: DamageCount, bar: Progress, prefixes: dict[str, str]
-) -> Iterator[tuple[str, ProbeFound | Received]]:
-    """What the probes said; notes the prefixes of their keys."""
+) -> Iterator[tuple[str, ProbeFound | Received | Logged]]:
+    """What the probes said, and their strokes; notes the prefixes of their keys."""
     tally = Tally()
     tally.damage = damage
+    strokes: list[Logged] = []  # a Nano's are computed by the daemon: in no frame
 
     def noted() -> Iterator[LogHead | Logged | Damage]:
         for record in salvage(path, bar.update):
             if isinstance(record, Logged):
                 prefixes.setdefault(record.probe, record.prefix)
+                if record.topic == "stroke":
+                    strokes.append(record)
             yield record
 
     for name, events in events_of_log(path, tally, noted()):
         for event in events:
             if isinstance(event, ProbeFound | Received):
                 yield name, event
+        yield from ((stroke.probe, stroke) for stroke in strokes)
+        strokes.clear()
 
 
 def _is_other(of: Stretch, event: Received) -> bool:

@@ -31,8 +31,10 @@ from imud.params.value import SENSORS, Params
 from imud.probes.record import Record
 from imud.progress import Progress
 from imud.published import SinceOrigin
+from imud.recordings import refined_strokes
 from imud.recordings.damage import DamageCount
 from imud.recordings.raw_samples import LEAST_S, SUFFIX, Stretch, stretches_of
+from imud.recordings.refined_strokes import Refound
 from imud.recordings.source import beside
 from imud.refine.found import proposed
 from imud.refine.known import priors_of
@@ -69,6 +71,7 @@ class Refined:
 
     stretch: Stretch
     poses: Part
+    strokes: Sequence[Refound] = ()
     is_whole: bool = True
     params: Params | None = None  # that it found
 
@@ -83,6 +86,8 @@ class Refined:
             f"{self.stretch.probe}: {seconds:.0f} s; 1-sigma errors: tilt {tilt}, "
             f"heading {heading}, changes of heading {change}"
         )
+        if self.strokes:
+            yield f"  {refined_strokes.words(self.strokes)}"
         yield from (f"  {doubt.words}" for doubt in poses.doubts)
 
 
@@ -111,8 +116,9 @@ def refined(stretch: Stretch, how: How, bar: Progress, done_s: float) -> Refined
     if how.is_simple:
         recording = at_rest_alone(recording)
     parts: list[Part] = []
+    strokes: list[Refound] = []
     window: Window | None = None
-    is_whole = True
+    is_whole, done = True, 0
     try:
         for part, window in parts_of(
             recording,
@@ -120,7 +126,9 @@ def refined(stretch: Stretch, how: How, bar: Progress, done_s: float) -> Refined
             stretch.delay_s,
             lambda share: bar.update(done_s + share * stretch.seconds),
         ):
+            strokes += refined_strokes.of_part(stretch, index, part, window, done)
             parts.append(part)
+            done += len(part.quats)
             if not how.is_proposing or part.doubts:
                 window = None  # it is large
     except KeyboardInterrupt:
@@ -128,16 +136,20 @@ def refined(stretch: Stretch, how: How, bar: Progress, done_s: float) -> Refined
             raise
         is_whole = False
     if how.north != FIRST_REST:
-        parts = turned(parts, how.north, recording.node_s)
+        turn = to_north(parts, how.north, recording.node_s)
+        parts = [
+            replace(each, quats=rotation.multiply(turn, each.quats)) for each in parts
+        ]
+        strokes = [each.turned(turn) for each in strokes]
     stretch.values = array("f")
-    found = Refined(stretch, joined(parts, index), is_whole)
+    found = Refined(stretch, joined(parts, index), strokes, is_whole)
     if window is not None:
         found.params = _proposed(stretch, window)
     return found
 
 
-def turned(parts: Sequence[Part], north: float | str, node_s: float) -> list[Part]:
-    """The same with north where the field points at a time, or on the average."""
+def to_north(parts: Sequence[Part], north: float | str, node_s: float) -> FloatArray:
+    """Turns to where north is as the field points at a time, or on the average."""
     fields = np.concatenate([part.fields for part in parts])
     if isinstance(north, float):
         at = round(north / node_s)
@@ -145,12 +157,7 @@ def turned(parts: Sequence[Part], north: float | str, node_s: float) -> list[Par
             raise ConfigError(f"--north {north:g}: the recording is shorter")
         fields = fields[at : at + 1]
     east, ahead, _ = fields.mean(axis=0).tolist()
-    to_north = rotation.from_rotation_vector(
-        np.array([0.0, 0.0, math.atan2(east, ahead)])
-    )
-    return [
-        replace(each, quats=rotation.multiply(to_north, each.quats)) for each in parts
-    ]
+    return rotation.from_rotation_vector(np.array([0.0, 0.0, math.atan2(east, ahead)]))
 
 
 def at_rest_alone(recording: Recording) -> Recording:
@@ -259,7 +266,12 @@ class Beside:
     """The refined poses, added to the copy of a log as their samples come."""
 
     def __init__(self, found: Sequence[Refined]) -> None:
-        self._due = merge(*map(_records, found), key=lambda of: of.t_received_ns)
+        due = (
+            records
+            for each in found
+            for records in (_records(each), refined_strokes.records(each.strokes))
+        )
+        self._due = merge(*due, key=lambda record: record.t_received_ns)
         self._next: Record | None = next(self._due, None)
         self._channels: Channels | None = None
         self._prefixes = {

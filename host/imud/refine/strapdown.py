@@ -39,8 +39,8 @@ def course_of(recording: Recording, estimate: Estimate, earth: FloatArray) -> Co
     biases, rates = rates_of(recording, estimate)
     inner, middle = within(rates, recording)
     outer = estimate.unseen - earth * node_s
-    left = _products(rotation.from_rotation_vector(outer), is_left=True)
-    right = _products(inner[:, -1], is_left=False)
+    left = products(rotation.from_rotation_vector(outer), is_left=True)
+    right = products(inner[:, -1], is_left=False)
     nodes = rotation.multiply(rotation.multiply(left, estimate.first), right)
     nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
 
@@ -79,7 +79,7 @@ def within(rates: FloatArray, recording: Recording) -> tuple[FloatArray, FloatAr
     return ends, middles
 
 
-def _products(steps: FloatArray, *, is_left: bool) -> FloatArray:
+def products(steps: FloatArray, *, is_left: bool) -> FloatArray:
     """Of all steps before each node, (k + 1, 4): later ones to the left or right."""
     found = np.concatenate([rotation.IDENTITY[None], steps])
     reach = 1

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,12 +14,16 @@ import numpy as np
 import pytest
 
 from host.refine.made import RATE_HZ, made, off_deg
+from host.refine.test_strokes import END, stroked
 from imud import cli, rotation
 from imud.errors import ConfigError, FileError
+from imud.log.copy import copy_good
+from imud.log.file import Channels
 from imud.log.reader import Logged, salvage
 from imud.log.writer import LogWriter
 from imud.params.file import read
 from imud.params.value import Params
+from imud.probes.record import Record
 from imud.recordings import audit, audit_page, refining, source
 from imud.recordings.raw_samples import Stretch, stretches_of
 from imud.recordings.refining import Refined
@@ -117,11 +122,12 @@ def test_north_is_where_one_says() -> None:
     pen.fields[:] = 0.0, 20.0, -43.0
     pen.fields[100] = 20.0, 20.0, -43.0  # at 10 s: 45 degrees to the east
     for north, turn in ((10.0, -45.0), ("place", 0.0), (5.0, 0.0)):
-        (part,) = refining.turned([pen], north, 0.1)
-        _, found = audit.differences(part.quats, pen.quats)
+        to_north = refining.to_north([pen], north, 0.1)
+        turned = rotation.multiply(to_north, pen.quats)
+        _, found = audit.differences(turned, pen.quats)
         assert found == pytest.approx(turn, abs=0.3)
     with pytest.raises(ConfigError, match="the recording is shorter"):
-        refining.turned([pen], 31.0, 0.1)
+        refining.to_north([pen], 31.0, 0.1)
 
 
 def refined(turn: FloatArray) -> Refined:
@@ -259,3 +265,37 @@ def test_times_that_do_not_rise_are_refused() -> None:
         stretch.is_bad.append(0)
     with pytest.raises(FileError, match="of its samples are in the log"):
         stretch.recording()
+
+
+def test_strokes_are_measured_again(tmp_path: Path, capsys: Said) -> None:
+    recording, way = stroked()
+    plain = log_of(recording, tmp_path / "plain.mcap")
+    first = next(each for each in salvage(plain) if isinstance(each, Logged))
+    told_us = round(1e6 * (END + 0.4))  # the firmware tells it four windows late
+    told = {
+        **{"type": "stroke", "probe": first.probe, "seq": 1, "number": 0, "missing": 0},
+        **{"t_device_us": told_us, "t_ns": told_us * 1000, "stroke": 1, "windows": 15},
+        **{"end": "rest", "displacement_m": [0.1, 0.0, 0.0], "flags": []},
+        **{"displacement_sigma_m": [0.01, 0.01, 0.01]},
+        **{"path_m": None, "path_sigma_m": None},
+    }
+    running = told | {"end": "running", "t_device_us": told_us - 100_000}
+    due = [json.dumps(each).encode() for each in (running, told, {})]
+
+    def add(writer: LogWriter, until_ns: int) -> None:
+        t_ns = told_us * 1000
+        while due and t_ns < until_ns:
+            record = Record(first.probe, "stroke", due.pop(0), b"", 1, t_ns, t_ns)
+            Channels(writer).add("imud", record)
+
+    log = tmp_path / "walk.mcap"
+    copy_good(plain, log, lambda _: None, add)
+    assert cli.main(["refine", str(log), "--north", "place"]) == 0
+    assert "1 strokes, 1 measured: 1-sigma error 2." in capsys.readouterr().out
+    assert cli.main(["export", str(tmp_path / "walk-refined.mcap")]) == 0
+    (table,) = tmp_path.glob("*-refined-stroke.csv")
+    (row,) = rows_of(table)
+    assert (row["stroke"], row["windows"], row["end"]) == ("1", "15", "rest")
+    found = [float(row[f"displacement_{axis}_m"]) for axis in "xyz"]
+    assert found == pytest.approx(way, abs=0.008)
+    assert 0.001 < float(row["displacement_sigma_x_m"]) < 0.004
