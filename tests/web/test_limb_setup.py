@@ -5,13 +5,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from playwright.sync_api import Browser, Page
 
@@ -26,6 +29,7 @@ from imud.virtual import leg
 from imud.virtual.leg_probes import RATE_HZ
 from imud.web.bodies import line_of
 from imud.web.limbs import Limbs, Setup, text_of
+from imud.web.messages import decode
 from imud.web.users import TokenHolder
 from streaming import until
 from web.served import Served
@@ -180,16 +184,11 @@ def test_who_may_not_command_sets_up_no_limb(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "", ".x", "a b", "x" * 65, 'a"'])
-def test_a_name_that_is_none_is_refused(tmp_path: Path, name: str) -> None:
-    with (
-        Served(limbs=(tmp_path, lambda: ())) as served,
-        served.live() as browser,
-    ):
-        setup = {"side": "right", "probes": IDS}
-        browser.say(do="limb", id=1, name=name, setup=setup)
-        browser.until_closed()
-        assert served.page.refused["malformed"] == 1
-    assert not [*tmp_path.iterdir()]
+def test_a_name_that_is_none_is_refused(name: str) -> None:
+    setup = {"side": "right", "probes": IDS}
+    message = {"do": "limb", "id": 1, "name": name, "setup": setup}
+    with pytest.raises(msgspec.ValidationError):
+        decode(json.dumps(message))
 
 
 def test_a_saved_limb_is_a_file_for_imud_body(tmp_path: Path) -> None:
@@ -220,6 +219,24 @@ def test_a_saved_limb_is_a_file_for_imud_body(tmp_path: Path) -> None:
 def test_what_is_no_limb_is_refused_before_it_is_saved(probes: Any) -> None:
     with pytest.raises(ImudError):
         text_of("leg", Setup("right", probes))
+
+
+def test_of_two_who_start_a_limb_one_at_a_time_runs(worn: Leg, tmp_path: Path) -> None:
+    limbs = Limbs(tmp_path, lambda: ("--connect", worn.endpoint), lambda: None)
+
+    async def start() -> None:
+        names = ("one", "two", "three")
+        for name in names:
+            limbs.save(name, LEG, replace=False)
+        runs = [limbs.run(name) for name in names]
+        found = await asyncio.gather(*runs, return_exceptions=True)
+        started = [name for name, error in zip(names, found, strict=True) if not error]
+        assert started == [limbs.running]
+        await limbs.end()
+        assert (limbs.running, limbs._task) == ("", None)
+
+    with ThreadPoolExecutor(1) as thread:  # Playwright has this one's loop
+        thread.submit(asyncio.run, start()).result()
 
 
 def test_a_limb_that_can_not_run_tells_why(tmp_path: Path) -> None:

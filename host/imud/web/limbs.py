@@ -112,25 +112,30 @@ class Limbs:
         path = self._folder / f"{name}.toml"
         # What it prints also ends it, if this daemon is killed.
         words = ("imud", "body", str(path), "--json", *self._find())
-        await self.end()
+        while self._task is not None:
+            await self.end()
         self.why = ""
         ready = asyncio.Event()
         self._task = asyncio.create_task(self._run(name, words, ready))
+        self._task.add_done_callback(lambda _: ready.set())
         await ready.wait()
         if not self.running:
             raise LimbError(self.why or "it was ended at once")
 
     async def end(self) -> None:
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.wait([self._task])
-            self._task = None
+        task, self._task = self._task, None
+        if task is not None:
+            self.running = ""
+            task.cancel()
+            await asyncio.wait([task])
+            self._on_change()
 
     async def _run(
         self, name: str, words: tuple[str, ...], ready: asyncio.Event
     ) -> None:
-        process = await processes.start(*words, stderr=asyncio.subprocess.PIPE)
+        process = None
         try:
+            process = await processes.start(*words, stderr=asyncio.subprocess.PIPE)
             # Its first line is a state, which is published by then.
             while process.stdout and await process.stdout.readline():
                 if not ready.is_set():
@@ -142,6 +147,6 @@ class Limbs:
             self.why = lines[-1].removeprefix("imud: ") if lines else ""
         finally:
             await processes.end(process)
-            self.running = ""
-            ready.set()
-            self._on_change()
+            if self._task is asyncio.current_task():  # it has ended by itself
+                self.running = ""
+                self._on_change()

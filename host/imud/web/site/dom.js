@@ -97,6 +97,33 @@ export function pictured(stage, make3d) {
 }
 
 /**
+ * Asks before something is lost.
+ * @param {HTMLDialogElement} dialog
+ * @param {string} title
+ * @param {string} text
+ * @param {string} word of the button that does it
+ * @param {() => void} act
+ */
+export function question(dialog, title, text, word, act) {
+  const close = () => dialog.close();
+  const go = () => {
+    close();
+    act();
+  };
+  dialog.replaceChildren(
+    make("h1", {}, title),
+    make("p", {}, text),
+    make(
+      "div",
+      { class: "row" },
+      make("button", { onclick: close }, "Cancel"),
+      make("button", { class: "danger", onclick: go }, word),
+    ),
+  );
+  dialog.showModal();
+}
+
+/**
  * Has the browser save a file.
  * @param {string} name
  * @param {Blob} blob

@@ -3,7 +3,7 @@
 // Sets up a limb: which probe is on which segment. The daemon keeps it by its name, and
 // runs it.
 
-import { make, mark, say } from "../dom.js";
+import { make, mark, question, say } from "../dom.js";
 import { attempt } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -142,12 +142,11 @@ export class SetupCard {
     const setup = { side: this._side.value, probes: Object.fromEntries(chosen) };
     const saved = this._saved.find((one) => one.name === name);
     const isSame = saved && saved.side === setup.side && String(Object.entries(saved.probes)) === String(chosen);
-    if (isSame) {
-      this._run(name);
-    } else if (saved) {
-      this._confirm(name, setup);
+    if (saved && !isSame) {
+      const text = "A limb of this name is saved with other probes or another side.";
+      question(this._dialog, `Replace ${name}?`, text, "Replace", () => this._run(name, setup, true));
     } else {
-      this._run(name, setup);
+      this._run(name, saved ? undefined : setup);
     }
   }
 
@@ -161,28 +160,6 @@ export class SetupCard {
     await attempt(() => this._model.link.limb(name, setup, replace));
     this._start.disabled = false;
     this._isAsked = false; // it is saved, perhaps
-  }
-
-  /**
-   * @param {string} name
-   * @param {Setup} setup
-   */
-  _confirm(name, setup) {
-    const replace = () => {
-      this._dialog.close();
-      this._run(name, setup, true);
-    };
-    this._dialog.replaceChildren(
-      make("h1", {}, `Replace ${name}?`),
-      make("p", {}, "A limb of this name is saved with other probes or another side."),
-      make(
-        "div",
-        { class: "row" },
-        make("button", { onclick: () => this._dialog.close() }, "Cancel"),
-        make("button", { class: "danger", onclick: replace }, "Replace"),
-      ),
-    );
-    this._dialog.showModal();
   }
 }
 

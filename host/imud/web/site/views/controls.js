@@ -3,7 +3,7 @@
 // Commands to the selected probe: each button shows its result.
 
 import { alarmChoice } from "../alarm.js";
-import { make, mark, say } from "../dom.js";
+import { make, mark, question, say } from "../dom.js";
 import { ButtonForm } from "../gestures.js";
 import { attempt, tell } from "../header.js";
 
@@ -74,7 +74,7 @@ export class Controls {
       make("label", { class: "field" }, "Raw samples a second", this._raw),
       make("div", { class: "row" }, make("button", {}, "Apply")),
     );
-    this._confirm = this._makeConfirm();
+    this._confirm = make("dialog", { "aria-label": "Reset calibration" });
     this._name = make("input", { name: "probe-name", maxlength: 60, required: true });
     this._mag = make("button", { onclick: () => this._setMagnetometer() });
     this._log = make("button", { onclick: () => this._setLog() }, "Stop its log");
@@ -97,7 +97,7 @@ export class Controls {
           this._mag,
           make(
             "button",
-            { class: "danger", onclick: () => this._confirm.showModal() },
+            { class: "danger", onclick: () => this._reset() },
             "Reset calibration",
           ),
         ),
@@ -221,27 +221,12 @@ export class Controls {
     run(this._model, "Rates", commands);
   }
 
-  _makeConfirm() {
-    const dialog = make("dialog", { "aria-label": "Reset calibration" });
-    const reset = () => {
-      dialog.close();
+  _reset() {
+    const text =
+      "All calibration of this probe is removed, its tip and its name as well. The daemon keeps the " +
+      "set: imud params history PROBE brings it back.";
+    question(this._confirm, "Reset calibration?", text, "Reset", () => {
       run(this._model, "Reset calibration", [["params", { records: "" }]]);
-    };
-    dialog.append(
-      make("h1", {}, "Reset calibration?"),
-      make(
-        "p",
-        {},
-        "All calibration of this probe is removed, its tip as well. The daemon keeps the " +
-          "set: imud params history PROBE brings it back.",
-      ),
-      make(
-        "div",
-        { class: "row" },
-        make("button", { onclick: () => dialog.close() }, "Cancel"),
-        make("button", { class: "danger", onclick: reset }, "Reset"),
-      ),
-    );
-    return dialog;
+    });
   }
 }
