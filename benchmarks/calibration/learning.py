@@ -25,11 +25,11 @@ from benchmarks.common.scoring import SIGMAS, Trial
 from benchmarks.harness import Figure, Report, ratio
 from imud.calibration.guided import housing, whole
 from imud.calibration.guided.result import result_of_fit
-from imud.calibration.learned.learner import Learner, learned_of
 from imud.calibration.poses import BASE_DOWN
 from imud.calibration.recording import Sample, Scale
 from imud.params.learned import filter_can_continue
 from imud.params.value import Params
+from imud.refine.learner import Learner, learned_of
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE
 from imud.virtual.modules import shop

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from imud.calibration.magnetometer import MagFit
+from imud.rotation import FloatArray
 
 MAGNET_UT = 200.0  # an own field that no module has without a magnet on it
 UNEVEN_UT = 0.6  # rms of an axis beside its noise that speaks of an uneven field
@@ -47,12 +48,12 @@ def of_field(mag: MagFit | None, heading_deg: float | None) -> CalibrationFault 
             "move away from motors and mains cables, and continue for longer; if "
             "that does not help, try another module",
         )
-    return of_magnets(mag)
+    return of_magnets(mag.bias, mag.norm_ut)
 
 
-def of_magnets(mag: MagFit) -> CalibrationFault | None:
+def of_magnets(own_ut: FloatArray, norm_ut: float) -> CalibrationFault | None:
     """A field too strong or too weak for any room on Earth, or for any module."""
-    own = float(np.linalg.norm(mag.bias))
+    own = float(np.linalg.norm(own_ut))
     if own > MAGNET_UT:
         return CalibrationFault(
             "magnet",
@@ -60,10 +61,10 @@ def of_magnets(mag: MagFit) -> CalibrationFault | None:
             "remove the magnet or iron from it and start again",
         )
     low, high = FIELD_UT
-    if not low < mag.norm_ut < high:
+    if not low < norm_ut < high:
         return CalibrationFault(
             "strange_field",
-            f"the field here is {mag.norm_ut:.0f} uT, which is not the Earth's",
+            f"the field here is {norm_ut:.0f} uT, which is not the Earth's",
             "move away from iron and magnets",
         )
     return None

@@ -67,6 +67,12 @@ class SensorRecording:
         """Its duration without missing samples."""
         return len(self) * self.step_s
 
+    @property
+    def mag_early_s(self) -> float:
+        """How long before the ends of their steps the magnetometer's readings are."""
+        late_s = self.mag_late_s[np.isfinite(self.mag[:, 0])]
+        return self.step_s - float(late_s.mean()) if len(late_s) else 0.0
+
     def is_whole(self, start: int, end: int) -> bool:
         """Whether no samples are missing between two steps."""
         return not any(start < at <= end for at in self.breaks)

@@ -36,9 +36,10 @@ from imud.recordings.damage import DamageCount
 from imud.recordings.raw_samples import LEAST_S, SUFFIX, Stretch, stretches_of
 from imud.recordings.refined_strokes import Refound
 from imud.recordings.source import beside
-from imud.refine.found import proposed
+from imud.refine.found import found_by, proposed
 from imud.refine.known import priors_of
 from imud.refine.model import SHOP, Priors, Recording
+from imud.refine.reach import settled
 from imud.refine.rests import find_rests
 from imud.refine.whole import Part, parts_of
 from imud.refine.window import Window
@@ -238,7 +239,9 @@ def _proposed(stretch: Stretch, window: Window) -> Params:
     t_s = int(stretch.t_ns[-1, 0]) / 1e9
     day = datetime.datetime.fromtimestamp(t_s, datetime.UTC).date()
     made = {"day": day} if day.year >= YEAR_LEAST else {}
-    return proposed(window, stretch.params, scale, made)
+    window = settled(window)
+    found = found_by(window)
+    return proposed(found, window.priors, stretch.params, scale, made)
 
 
 def _propose(found: Sequence[Refined], to: Path) -> None:

@@ -103,6 +103,14 @@ class Solution:
         found, _ = self._chain.inverse()
         return found + shared @ self.whole_covariance @ shared.transpose(0, 2, 1)
 
+    def last_covariance(self) -> FloatArray:
+        """Of the last node and of what holds for all, (STATE + WHOLE,) squared."""
+        node, _ = self._chain.inverse()
+        shared, whole = self._of_border[-1], self.whole_covariance
+        across = -shared @ whole
+        own = node[-1] - across @ shared.T
+        return np.block([[own, across], [across.T, whole]])
+
     def covariance_with(self, node: int, state: int) -> FloatArray:
         """Of every state with one state of one node, (nodes, STATE)."""
         one = np.zeros((*self.step.shape, 1))

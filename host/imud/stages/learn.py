@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Learns the sensors' calibration from a probe's normal use, without a procedure.
 
-It needs raw samples and motion that turns the probe. A fit takes up to 0.3 s, so it is
+It needs raw samples and motion that turns the probe. A fit takes 0.3 to 2 s, so it is
 done in a thread beside; the stage picks the result up with a later message.
 """
 
@@ -12,11 +12,11 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
-from imud.calibration.learned.learner import Learned, Learner, Proposal, learned_of
 from imud.calibration.recording import Sample, Scale
 from imud.config.settings import Config
 from imud.probes.sensors import has_magnetometer
 from imud.probes.session import ProbeFound, Received
+from imud.refine.learner import Learned, Learner, Proposal, learned_of
 from imud.stages import LogLine, Publish, SendCommands, StageResult
 from imud.wire.messages import Value
 from imud.wire.params import is_mag_off
@@ -51,7 +51,6 @@ class LearnStage:
         self._fit: Future[Learned] | None = None
         self._proposal: Proposal | None = None
         self._reported_deg: float | None = None
-        self._refusal = ""  # that was reported last
 
     def configure(self, config: Config) -> None:
         if config.calibration.learn != self._mode:
@@ -96,10 +95,6 @@ class LearnStage:
             learner.end(learned)
             if learned.proposal is not None:
                 yield from self._report(learned.proposal, received)
-            elif learned.refusal != self._refusal:
-                self._refusal = learned.refusal
-                if learned.refusal:
-                    yield LogLine(Learned, f"learns nothing yet: {learned.refusal}")
         if received.message.name != "raw" or learner is None:
             return
         sample = _sample(received.message.fields, received.stamp.t_device_us)

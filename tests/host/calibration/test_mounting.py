@@ -21,7 +21,6 @@ from imud.calibration.guided.events import Finished, MountFound, Troubled
 from imud.calibration.guided.procedure import Procedure
 from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.wave import Wave, Waving
-from imud.calibration.learned.learner import Learner, learned_of
 from imud.calibration.mount import (
     ALL,
     ASSUMED,
@@ -37,6 +36,7 @@ from imud.calibration.recording import Sample
 from imud.calibration.result import CalibrationResult
 from imud.calibration.session import CalibrationSession, Subject
 from imud.params.value import Params
+from imud.refine.learner import Learner, learned_of
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import RECORDS_HZ, SCALE, Manners, Sampler, pieces
 from imud.virtual.modules import shop

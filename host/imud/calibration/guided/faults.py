@@ -168,7 +168,7 @@ def of_score(
     if not has_mag:
         return None
     if fit.mag is not None and fit.score.is_headed:
-        return of_magnets(fit.mag)
+        return of_magnets(fit.mag.bias, fit.mag.norm_ut)
     if heading is None:
         return CalibrationFault(
             "no_magnetometer",

@@ -94,7 +94,7 @@ def weakness(wave: Wave | None, clipped: float = 0.0) -> CalibrationFault | None
             "too_short", "there are too few samples", "wave it for half a minute"
         )
     if wave.heading_deg <= HEADING_MAX_DEG:
-        return of_magnets(wave.mag)
+        return of_magnets(wave.mag.bias, wave.mag.norm_ut)
     return (
         _of_motion(wave, clipped)
         or of_field(wave.mag, wave.heading_deg)

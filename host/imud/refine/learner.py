@@ -17,8 +17,6 @@ import numpy as np
 from imud.calibration import rate_bias
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.faults import of_magnets
-from imud.calibration.learned import motion
-from imud.calibration.learned.motion import MotionFit, Priors
 from imud.calibration.recording import (
     GAP_S,
     Gatherer,
@@ -27,22 +25,23 @@ from imud.calibration.recording import (
     SensorRecording,
     is_clipped,
 )
-from imud.calibration.result import with_mag, with_sensor
 from imud.calibration.score import TILT_TO_HEADING, stated_tilt_deg
 from imud.calibration.stops import find_stops
 from imud.errors import ParamsError
 from imud.gravity import GRAVITY_M_S2
 from imud.params.learned import METHOD, filter_can_continue
-from imud.params.value import Calibration, Params
+from imud.params.value import SENSORS, Calibration, Params
+from imud.refine.checks import HEADING_STEP_DEG, doubts_of, last_step_deg
+from imud.refine.found import Found, found_by, taken
+from imud.refine.known import priors_of
+from imud.refine.model import NORTH, OWN, Priors, Recording
+from imud.refine.reach import searched, settled
+from imud.refine.window import Window
 from imud.rotation import FloatArray
 
 WINDOW_S = 60.0  # of the latest samples
 LEAST_S = 20.0
-# If all of them yield no usable fit, this many of the newest are tried: a magnet put on
-# the probe changes its own field, so samples before and after it do not fit together; a
-# room may have another field there.
-PARTS_S = (30.0, 16.0)
-EVERY_S, SELDOM_S, GROWTH = 3.0, 60.0, 1.15  # between two fits; without news
+EVERY_S, SELDOM_S, GROWTH = 4.0, 60.0, 1.15  # between two fits; without news
 TURNED_RAD = math.pi  # since the last fit, at least: a probe at rest shows nothing new
 
 # Limit of the heading's error, and how much smaller it must be than that of the active
@@ -51,15 +50,11 @@ HEADING_MAX_DEG = 7.0
 BETTER = 0.9
 # Beyond these it is no module of ours, or the motion was no motion of a hand.
 AWAY_MAX = 0.15  # of an entry of a matrix
-# Sigmas of its prior: more soft iron may be an uneven field, seen from few attitudes.
-# All attitudes leave less than this part of the prior's sigma within half a minute.
-SOFT_MAX = 2.5
-SOFT_SURE = 0.15
-UNEVEN = "its soft iron may be an uneven field; turn it every way in one place"
-REST_MAX_RAD_S = math.radians(2.0)  # error of a bias that only motion shows
-# Sigmas by which the own field differs from that of all samples where a magnet was put
-# on: 15 and more with 30 uT; in uneven rooms 3 at most.
+# Of the gyroscope's bias: what a rest shows, and what only motion shows at most.
+REST_RAD_S, REST_MAX_RAD_S = math.radians(0.06), math.radians(2.0)
+# Sigmas by which the own field moves where a magnet was put on or taken off.
 MAGNETISED = 5.0
+LEVEL_MIN_UT = 5.0  # of a field that shows a heading
 ACC_BIAS_MAX_M_S2 = 0.8 * GRAVITY_M_S2
 
 
@@ -96,7 +91,6 @@ class Learned:
     proposal: Proposal | None
     rest: RestRate | None
     since_us: int = 0  # device time; the samples before it do not fit
-    refusal: str = ""  # why what fits is not proposed
 
 
 @dataclass(slots=True)
@@ -161,37 +155,52 @@ def learned_of(work: Work) -> Learned:
         before.check()
     except ParamsError:
         return Learned(None, rest)
-    calibrated, known = _calibrated(recording, base, scale), known_of(base)
-    gyr, at = affine_of(base.gyr, scale.gyr_rad_s), rest
+    calibrated, gyr = _calibrated(recording, base, scale), base.gyr
+    affine = affine_of(gyr, scale.gyr_rad_s)
+    at, sigma = rest, REST_RAD_S
     if at is None:
-        at, sigma = _rest_in_motion(calibrated, gyr, begin_us)
+        at, sigma = _rest_in_motion(calibrated, affine, begin_us)
         if sigma > REST_MAX_RAD_S:
             return Learned(None, None)
-        known = replace(known, rest_rad_s=max(sigma, known.rest_rad_s))
-    rate = gyr.apply(np.array(at.rate))
-    rest_step = (at.t_us - begin_us) / 1e6 / recording.step_s
-    made = {"temperature_c": recording.temperature_c, "method": METHOD}
-    whole: MotionFit | None = None
-    refusal = ""
-    for start in _starts(calibrated):
-        found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
-        if found is not None and not _is_module(found):
-            # Shorter parts are not reliable: their priors alone would make them look
-            # good.
-            return Learned(None, rest)
-        if start == 0:
-            whole = found
-        if found is not None and not _is_even(found):
-            refusal = UNEVEN
-            continue
-        if found is None or not _is_sound(found) or not _is_better(found, before):
-            continue
-        proposal = _proposal(found, base, before, scale, made)
-        if start == 0 or proposal is None or not _is_magnetised(found, whole, proposal):
-            return Learned(proposal, rest)
-        since_us = begin_us + round(start * recording.step_s * 1e6)
-        return Learned(_with_filter_reset(proposal, at, scale), rest, since_us)
-    return Learned(None, rest, refusal=refusal)
+    rate = affine.apply(np.array(at.rate))
+    priors = replace(known_of(base), bias=max(sigma, REST_RAD_S))
+    window = fitted(calibrated, rate, priors)
+    if window is None:
+        return Learned(None, rest)
+    found = found_by(window, calibrated.mag_early_s)
+    if not _is_module(found) or not _is_better(found, before):
+        return Learned(None, rest)
+    made = {"temperature_c": recording.temperature_c}
+    proposal = _proposal(found, base, before, scale, made)
+    last = _magnetised_until(window, found)
+    if proposal is None or last is None:
+        return Learned(proposal, rest)
+    since_us = begin_us + round((last + 1) * window.recording.node_s * 1e6)
+    return Learned(_with_filter_reset(proposal, at, scale), rest, since_us)
+
+
+def fitted(
+    recording: SensorRecording, rest_rad_s: FloatArray, priors: Priors
+) -> Window | None:
+    """The window of a recording in motion; None if it does not determine its sensors.
+    `rest_rad_s`: the gyroscope's bias at a rest.
+    """
+    if recording.seconds < LEAST_S or recording.breaks:
+        return None
+    samples = Recording(
+        1.0 / recording.step_s, recording.gyr - rest_rad_s, recording.acc, recording.mag
+    )
+    try:
+        with np.errstate(all="ignore"):  # what is not finite ends the search
+            window = searched(samples, priors)
+            if doubts_of(window):
+                return None
+            window = settled(window)
+    except np.linalg.LinAlgError:
+        return None
+    is_found = last_step_deg(window)[2] < HEADING_STEP_DEG
+    is_field = float(window.estimate.whole[NORTH][0]) > LEVEL_MIN_UT
+    return window if is_found and is_field else None
 
 
 def _rest_of(recording: SensorRecording, begin_us: int) -> RestRate | None:
@@ -216,12 +225,6 @@ def _rest_in_motion(
     return RestRate(begin_us + 5e5 * calibrated.seconds, (x, y, z)), sigma
 
 
-def _starts(recording: SensorRecording) -> list[int]:
-    """The starts of the parts to fit: all of it, then shorter parts."""
-    steps = [len(recording) - round(part / recording.step_s) for part in PARTS_S]
-    return [0, *(start for start in steps if start > 0)]
-
-
 def _calibrated(
     recording: SensorRecording, params: Params, scale: Scale
 ) -> SensorRecording:
@@ -244,91 +247,53 @@ def sigma_of(calibration: Calibration | None) -> float | None:
 
 
 def known_of(params: Params) -> Priors:
-    """The prior by the active params."""
-    known = Priors()
-    acc, gyr, mag = sigma_of(params.acc), sigma_of(params.gyr), sigma_of(params.mag)
-    if acc is not None:
-        known = replace(known, acc_m_s2=acc, acc_scale=acc / GRAVITY_M_S2)
-    if gyr is not None:
-        known = replace(known, gyr_scale=gyr, gyr_cross=gyr)
-    if mag is not None and params.mag is not None:
-        share = mag / (params.mag.norm_ut or 50.0)
-        known = replace(known, mag_ut=mag, mag_soft=share, mag_turn_rad=share)
-    return known
+    """The priors by the params, without what was learned."""
+    for name in SENSORS:
+        if sigma_of(params.calibration(name)) is None:
+            params = params.without(name)
+    return priors_of(params)
 
 
-def _is_module(found: MotionFit) -> bool:
-    """Whether accelerometer and gyroscope are plausible for a module."""
+def _is_module(found: Found) -> bool:
+    """Whether all three sensors are plausible for a module."""
     is_usual = float(np.abs(found.acc.bias).max()) < ACC_BIAS_MAX_M_S2
-    return is_usual and _is_near(found.acc.matrix) and _is_near(found.gyr.matrix)
+    sensors = (found.acc, found.gyr, found.mag)
+    is_near = all(
+        float(np.abs(each.matrix - np.eye(3)).max()) < AWAY_MAX for each in sensors
+    )
+    return is_usual and is_near and of_magnets(found.mag.bias, found.norm_ut) is None
 
 
-def _is_sound(found: MotionFit) -> bool:
-    """Whether the magnetometer is, too: a magnet that was put on spoils it until the
-    readings from before are left out.
+def _magnetised_until(window: Window, found: Found) -> int | None:
+    """The last interval before a magnet was put on or taken off; None: there was none.
+    In an uneven room the own field stays.
     """
-    return _is_near(found.mag.matrix) and of_magnets(found.mag) is None
+    own = window.estimate.states[:, OWN]
+    moved_ut = np.linalg.norm(own - own[-1], axis=1)
+    other = np.flatnonzero(moved_ut > MAGNETISED * found.own_sigma_ut)
+    return int(other[-1]) if len(other) else None
 
 
-def _is_even(found: MotionFit) -> bool:
-    """Whether what looks like soft iron is that of a module."""
-    most = float(np.abs(motion.soft_of(found.mag.matrix)).max())
-    prior = Priors().mag_soft
-    return most < SOFT_MAX * prior or found.soft_sigma < SOFT_SURE * prior
-
-
-def _is_magnetised(
-    found: MotionFit, whole: MotionFit | None, proposal: Proposal
-) -> bool:
-    """Whether a magnet was put on within the recording: then the own field of its
-    newest part, `found`, is not that of all of it, beyond the error that its
-    proposal states. In an uneven room both agree.
-    """
-    if whole is None or not _is_sound(whole):
-        return True
-    moved_ut = float(np.linalg.norm(found.mag.bias - whole.mag.bias))
-    return moved_ut > MAGNETISED * proposal.sigma_ut
-
-
-def _is_near(matrix: FloatArray) -> bool:
-    return float(np.abs(matrix - np.eye(3)).max()) < AWAY_MAX
-
-
-def _is_better(found: MotionFit, before: Params) -> bool:
-    stated_deg = heading_of(before, found.mag.level_ut)
+def _is_better(found: Found, before: Params) -> bool:
+    stated_deg = heading_of(before, found.north_ut)
     return found.heading_deg <= min(HEADING_MAX_DEG, BETTER * stated_deg)
 
 
 def _proposal(
-    found: MotionFit, base: Params, before: Params, scale: Scale, made: dict[str, Any]
+    found: Found, base: Params, before: Params, scale: Scale, made: dict[str, Any]
 ) -> Proposal | None:
     """The active params with the fit on top of those of `base`, for each sensor of
     which sigma_of() knows nothing; None: there is none.
     """
     made = made | {"day": datetime.datetime.now(datetime.UTC).date()}
-    params = before
-    if sigma_of(before.acc) is None:
-        sigma = math.radians(found.tilt_deg) * GRAVITY_M_S2 / math.sqrt(2.0)
-        stated = {"sigma_m_s2": sigma, "residual_m_s2": found.acc.residual_m_s2}
-        own = Affine(found.acc.matrix, found.acc.bias)
-        whole = own.after(affine_of(base.acc, scale.acc_m_s2))
-        params = with_sensor(params, "acc", whole, scale, made | stated)
-    if sigma_of(before.gyr) is None:
-        # The filter knows the scales better, and continues to learn them: no sigma.
-        cross = found.gyr.matrix - np.diag(np.diag(found.gyr.matrix)) + np.eye(3)
-        own = Affine(cross, np.zeros(3))
-        whole = own.after(affine_of(base.gyr, scale.gyr_rad_s))
-        params = with_sensor(params, "gyr", whole, scale, made)
-    if sigma_of(before.mag) is None:
-        own = Affine(found.mag.matrix, found.mag.bias)
-        whole = own.after(affine_of(base.mag, scale.mag_ut))
-        mag = replace(found.mag, matrix=whole.matrix, bias=whole.bias)
-        params = with_mag(params, mag, found.field_deg, np.eye(3), scale, made)
+    names = [name for name in SENSORS if sigma_of(before.calibration(name)) is None]
+    # The filter knows the scales better, and continues to learn them: no sigma.
+    cross = found.gyr.matrix - np.diag(np.diag(found.gyr.matrix)) + np.eye(3)
+    kept = replace(found, gyr=Affine(cross, np.zeros(3)), gyr_sigma=None)
+    params = taken(before, names, kept, base, scale, made)
     if params == before:
         return None
-    params.check()
-    sigma_ut = math.radians(found.field_deg) * found.mag.level_ut
-    return Proposal(params, found.tilt_deg, found.heading_deg, sigma_ut)
+    return Proposal(params, found.tilt_deg, found.heading_deg, found.own_sigma_ut)
 
 
 def _with_filter_reset(found: Proposal, rest: RestRate, scale: Scale) -> Proposal:

@@ -1,2 +1,0 @@
-# SPDX-License-Identifier: MIT
-"""Calibration from free motion, while a probe is in use."""
