@@ -183,7 +183,9 @@ def measured_of(name: str, endpoint: str, seconds: float, folder: Path) -> Any:
     with contextlib.ExitStack() as stack:
         if name == "mqtt":
             command = [program("mosquitto"), "-c", str(folder / "broker")]
-            stack.enter_context(ended(subprocess.Popen(command, stderr=-3)))
+            stack.enter_context(
+                ended(subprocess.Popen(command, stderr=subprocess.DEVNULL))
+            )
             while not is_open(port):
                 time.sleep(0.05)
         receiver.start()
@@ -265,7 +267,9 @@ def measured(args: argparse.Namespace) -> Report:
         port, endpoint = folder / "nano", free_endpoint()
         imud = [sys.executable, "-m", "imud"]
         words = [*simulated("nano"), "--stream", "--link", str(port)]
-        sim = stack.enter_context(ended(subprocess.Popen([*imud, *words], stdout=-3)))
+        sim = stack.enter_context(
+            ended(subprocess.Popen([*imud, *words], stdout=subprocess.DEVNULL))
+        )
         while not port.exists():
             assert sim.poll() is None
             time.sleep(0.05)
