@@ -85,7 +85,8 @@ class Stretch:
         """One that has ended, as the daemon published it."""
         with contextlib.suppress(msgspec.MsgspecError):
             stroke = msgspec.json.decode(record.data, type=Stroke)
-            if stroke.displacement_m is not None and stroke.end != "running":
+            has_ended = stroke.end != "running" and stroke.windows > 0
+            if stroke.displacement_m is not None and has_ended:
                 self.strokes.append((stroke, record.t_ns))
 
     @property

@@ -77,9 +77,16 @@ def moved(
     """The displacement in the samples of `stroke`, begun and ended at rest. `free`: the
     samples in which no other one is. None: there are no such rests.
     """
-    piece = _piece(window, quats, stroke, free)
-    if piece is None:
+    try:
+        with np.errstate(all="ignore"):
+            piece = _piece(window, quats, stroke, free)
+            found = None if piece is None else _of_piece(window, piece)
+    except np.linalg.LinAlgError:
         return None
+    return found if found is not None and np.isfinite(found.sigma).all() else None
+
+
+def _of_piece(window: Window, piece: Piece) -> Moved:
     rows, weights = _observed(piece)
     slopes, noise = _slopes(piece), _noise(piece, weights)
     sigmas = np.sqrt(np.diag(window.solution.whole_covariance))

@@ -280,7 +280,10 @@ def test_strokes_are_measured_again(tmp_path: Path, capsys: Said) -> None:
         **{"path_m": None, "path_sigma_m": None},
     }
     running = told | {"end": "running", "t_device_us": told_us - 100_000}
-    due = [json.dumps(each).encode() for each in (running, told, {})]
+    due = [
+        json.dumps(each).encode()
+        for each in (running, told, {}, told | {"windows": -5})
+    ]
 
     def add(writer: LogWriter, until_ns: int) -> None:
         t_ns = told_us * 1000
