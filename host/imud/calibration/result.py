@@ -35,6 +35,7 @@ class CalibrationResult:
     note: str | None = None  # peculiarities of the room
     tip: TipFound | None = None
     mount: MountTold | None = None  # how the module is mounted
+    missing: tuple[str, ...] = ()  # what it may not be used for, and what would help
 
 
 def with_mag(

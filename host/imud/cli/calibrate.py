@@ -20,7 +20,8 @@ PARTS = {
     "mount": "how the module is mounted in its housing: five poses, or --mount",
     "tip": "where the tip is: wobble the probe about it",
     "verify": "check the active calibration, in ten seconds",
-    "learned": "activate the calibration that the daemon learned from free motion",
+    "learned": "activate the calibration that the daemon learned from free motion; "
+    "with --from, learn it from a file",
     "undo": "restore the previous params",
 }
 METHODS = {
@@ -129,7 +130,7 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("--force is for --from FILE")
     if args.mount is not None and what not in ("all", "acc", "gyro", "mount"):
         args.parser.error(f"--mount is not for {what}")
-    if args.source is not None and what in ("learned", "mount", "undo"):
+    if args.source is not None and what in ("mount", "undo"):
         args.parser.error(f"{what} takes no --from")
     from imud.cli import calibrate_run, calibrate_tip
 

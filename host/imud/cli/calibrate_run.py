@@ -24,7 +24,7 @@ from imud.calibration.recording import Gatherer, Sample, SensorRecording
 from imud.calibration.result import CalibrationResult
 from imud.calibration.score import stated_tilt_deg
 from imud.calibration.stops import find_stops
-from imud.cli import calibrate_text, calibrate_tip, params_text
+from imud.cli import calibrate_motion, calibrate_text, calibrate_tip, params_text
 from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
 from imud.cli.calibrate_screen import CalibrationScreen
 from imud.cli.calibrate_source import CalibratedProbe, LiveSamples, of_file
@@ -258,6 +258,8 @@ def _of_samples(
     """Evaluates all samples of a file."""
     if args.what == "tip":
         return calibrate_tip.of_samples(samples, subject, args.axis)
+    if args.what == "learned":
+        return calibrate_motion.of_samples(subject, samples)
     if args.what == "mag":
         waving = _waving(subject)
         for sample in samples:
@@ -292,7 +294,11 @@ def _of_stops(
         fit, len(stops), has_mag=has_mag
     )
     if wrong is not None or fit is None:
-        raise refusal(wrong) if wrong else CalibrationRefused("it is empty")
+        refused = refusal(wrong) if wrong else CalibrationRefused("it is empty")
+        raise CalibrationRefused(
+            f"{refused}. From motion without stops: imud calibrate learned --from "
+            f"{args.source}"
+        )
     turn = None if args.no_housing else housing.found(recording, fit)
     return result_of_fit(
         fit, subject.scale, before, turn, today(), sensors=SENSORS[args.what]

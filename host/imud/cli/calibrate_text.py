@@ -34,6 +34,8 @@ def _lines(probe: str, found: CalibrationResult) -> Iterator[str]:
     how = f" from {found.poses} stops in {found.seconds:.0f} s" if found.poses else ""
     if found.tip is not None and found.seconds:
         how = f" from {found.seconds:.0f} s of wobbling"
+    elif found.seconds and not found.poses:
+        how = f" from {found.seconds:.0f} s of motion"
     warm = ""
     if found.temperature_c is not None:
         warm = f", at {found.temperature_c:.1f} degC"
@@ -56,6 +58,7 @@ def _lines(probe: str, found: CalibrationResult) -> Iterator[str]:
     if found.housing_deg is not None:
         turned = f"the sensor is turned by {found.housing_deg:.2f} degrees"
         yield f"  housing        {turned}"
+    yield from (f"  missing        {words}" for words in found.missing)
 
 
 def _tip(found: TipFound) -> Iterator[str]:

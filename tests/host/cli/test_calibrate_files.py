@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -14,7 +15,7 @@ from imud.calibration.poses import TWELVE
 from imud.cli import main
 from imud.params.value import Params
 from params_bench import GOOD
-from raw_probe import RATES, Stream, calibrating, capture, lying, raw
+from raw_probe import RATES, Stream, calibrating, capture, lying, raw, used
 
 DRY = ("--dry-run",)
 
@@ -190,3 +191,46 @@ def test_the_longest_piece_between_two_pauses_is_used(
     code, out, _ = run(capsys, path, *DRY)
     assert code == 0
     assert "calibrated from 12 stops in 46 s" in out
+
+
+@pytest.fixture
+def moved(tmp_path: Path) -> Path:
+    """A capture of a module in use, without a procedure."""
+    return capture(tmp_path / "moved.bin", FakeProbe(**RATES), used())
+
+
+def test_free_motion_in_a_file_tells_a_calibration(
+    moved: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = run(capsys, moved, "learned", *DRY)
+    assert (code, err) == (0, "")
+    assert "calibrated from 38 s of motion, at 24.5 degC" in out
+    assert "heading        +-1." in out
+    assert "missing" not in out
+    changed = {line.split()[0] for line in out.splitlines() if " -  " in line}
+    assert changed == {"acc", "gyr", "mag"}
+    assert "were not activated" in out
+
+
+def test_motion_on_a_table_says_what_it_lacks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flat = lying([np.array([0.0, 0.0, 1.0])] * 8)
+    path = capture(tmp_path / "flat.bin", FakeProbe(**RATES), flat)
+    code, out, _ = run(capsys, path, "learned", *DRY)
+    assert code == 0
+    assert "missing        a heading better than 2.5 degrees" in out
+
+
+def test_too_little_motion_is_refused(
+    moved: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = capture(moved.with_name("short.bin"), FakeProbe(**RATES), used()[:1000])
+    code, _, err = run(capsys, short, "learned", *DRY)
+    assert code == 1
+    assert "10 s of samples without a pause are too few" in err
+    # Its few stops are too few, too, and name the other way.
+    few = capture(moved.with_name("few.bin"), FakeProbe(**RATES), used()[:600])
+    code, _, err = run(capsys, few, *DRY)
+    assert code == 1
+    assert f"imud calibrate learned --from {few}" in err
