@@ -155,10 +155,11 @@ def module(schema: Schema) -> str:
             "    RecordType(",
             f'        "{record.name}",',
             f"        {record.tag},",
-            "        (",
         ]
-        for part in record.parts:
-            lines += field_lines(part)
-        lines += ["        ),", "    ),"]
+        parts = [line for part in record.parts for line in field_lines(part)]
+        if len(parts) == 1:  # as the formatter has it
+            lines += [f"        ({parts[0].strip()}),", "    ),"]
+        else:
+            lines += ["        (", *parts, "        ),", "    ),"]
     lines += [")"]
     return "".join(f"{line}\n" for line in lines)
