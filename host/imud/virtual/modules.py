@@ -24,10 +24,10 @@ SHOP, PAIR, CALIBRATED = "shop", "lsm6dsox", "calibrated"
 
 # Noise of a good MPU-9250 at 92 Hz, and its errors before calibration.
 NOISE = SensorErrors(0.08, 0.05 / MG, 0.5)
-# Of an LSM6DSOX at 208 Hz and the driver's 16 g: 3.8 mdps and 110 ug in the root of a Hz
-# (by memory of DS12814, which has 70, 75 and 80 at 2, 4 and 8 g; nothing at hand has
-# them), times its bandwidths of 67 and 104 Hz; of a LIS3MDL: 3.5 mgauss in ultra-high
-# performance, which measures for 6.5 ms.
+# Of an LSM6DSOX at 208 Hz and the driver's 16 g: 3.8 mdps and 110 ug in the root of a
+# Hz (by memory of DS12814: 70, 75, 80 at 2, 4, 8 g; no copy was at hand), times its
+# bandwidths of 67 and 104 Hz; of a LIS3MDL: 3.5 mgauss in ultra-high performance, which
+# measures for 6.5 ms.
 NOISE_OF_PAIR = SensorErrors(
     *(3.8e-3 * math.sqrt(66.8), 110e-3 * math.sqrt(104.2), 0.35),
     windows_s=(0.443 / 66.8, 0.443 / 104.2, 1.0 / 155.0),

@@ -342,7 +342,8 @@ static void begin_reset(struct lsm6dsox_chip *chip) {
 static const char *wrong(const struct lsm6dsox_chip *chip, uint8_t at, uint8_t old) {
     const struct lsm6_family *own = family(chip);
     const uint8_t *reg = chip->die.reg;
-    int mode[2], code[2];
+    int mode[2];
+    int code[2];
     for (int i = GYR; i <= ACC; i++) {
         code[i] = lsm6_field(reg, own->rate[i]);
         mode[i] = lsm6_field(reg, own->mode[i]);
