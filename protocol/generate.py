@@ -17,6 +17,7 @@ from pathlib import Path
 from generator import (
     c_code,
     commands,
+    library,
     micropython_code,
     published,
     python_code,
@@ -95,11 +96,19 @@ def main(arguments: list[str] | None = None) -> int:
         action="store_true",
         help="print the text whose digest is the fingerprint",
     )
+    parser.add_argument(
+        "--library", metavar="DIR", type=Path, help="write libimuprobe there, and stop"
+    )
     asked = parser.parse_args(arguments)
     try:
         schema = load(SCHEMA)
         if asked.canonical:
             sys.stdout.write(schema.canonical)
+            return 0
+        if asked.library is not None:
+            asked.library.mkdir(parents=True, exist_ok=True)
+            for name, text in library.files(schema).items():
+                (asked.library / name).write_text(text, "utf-8")
             return 0
         files = outputs(schema)
     except (SchemaError, OSError) as error:

@@ -41,7 +41,7 @@ HOST, ARM, AVR = "gcc_x86_64", "gcc_x86_32", "gcc_x86_16"
 EVERYWHERE = (HOST, ARM, AVR)
 
 COMMON = (
-    "-cpp-extra-args=-std=gnu11 -D_Alignof=__alignof__ -Ifirmware -Itests/proof",
+    "-cpp-extra-args=-std=gnu11 -D_Alignof=__alignof__ -Ifirmware -I. -Itests/proof",
     *("-c11", "-eva", "-eva-no-show-progress", "-eva-auto-loop-unroll", "600"),
 )
 
@@ -84,6 +84,12 @@ PROOFS = (
             *("core/params/store.c", "core/storage/bank.c", *PARAMS),
         ),
         ("-eva-precision", "3", "-eva-partition-history", "4"),
+    ),
+    Proof(
+        "library",
+        ("content", "command"),
+        ("core/wire/frame.c", *WIRE),
+        ("-eva-precision", "7"),
     ),
     Proof(
         "params",
@@ -262,6 +268,7 @@ def _state() -> str:
         Path(__file__),
         *(p for kind in kinds for p in (ROOT / "firmware/core").rglob(kind)),
         *(p for kind in kinds for p in (ROOT / DRIVERS).glob(kind)),
+        *(p for kind in kinds for p in (ROOT / "protocol" / "library").glob(kind)),
     }
     digest = hashlib.sha256()
     for path in sorted(paths):

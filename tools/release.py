@@ -18,6 +18,7 @@ import sys
 import tarfile
 import time
 import tomllib
+import zipfile
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -209,6 +210,20 @@ class Release:
             self.run("parts to print", *words)
             shutil.copy(built, self.dist / f"{built.stem}-{self.version}.zip")
 
+    def add_library(self) -> None:
+        """libimuprobe with its licence, the document and the examples."""
+        folder = self.place / "libimuprobe"
+        words = ("protocol/generate.py", "--library", folder)
+        self.run("libimuprobe", sys.executable, *words, cwd=self.source)
+        others = ("LICENSE", "protocol/PROTOCOL.md")
+        files = [self.source / name for name in others]
+        files += sorted((self.source / "examples" / "libimuprobe").iterdir())
+        files += sorted(folder.iterdir())
+        place = self.dist / f"libimuprobe-{self.version}.zip"
+        with zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in files:  # at one time, so that each build is the same
+                archive.writestr(zipfile.ZipInfo(path.name), path.read_bytes())
+
     def _name(self, package: Path, module: str, parts: notices.Parts) -> None:
         """The version and the notices of a package beside the main one."""
         path = package / module / "__init__.py"
@@ -352,6 +367,7 @@ def build(place: Path, *, with_sources: bool, sign: Sign | None = None) -> Relea
     release.build_sim(with_sources=with_sources)
     release.build_imud()
     release.add_parts()
+    release.add_library()
     release.list_contents()
     return release
 

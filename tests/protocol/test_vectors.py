@@ -8,23 +8,13 @@ from typing import Any
 import pytest
 
 from protocol import wire
-from protocol.wire import BY_HAND, VECTORS, unhex
+from protocol.wire import BY_HAND, VECTORS, as_bytes_hex, unhex
 
 
 def each(kind: str, key: str = "name") -> pytest.MarkDecorator:
     """Those that have a key."""
     vectors = [vector for vector in VECTORS[kind] if key in vector]
     return pytest.mark.parametrize("vector", vectors, ids=[v["name"] for v in vectors])
-
-
-def as_bytes_hex(fields: dict[str, Any], like: dict[str, Any]) -> dict[str, Any]:
-    """Arrays that the vector writes as hex, so that both can be compared."""
-    return {
-        name: bytes(value).hex()
-        if isinstance(like[name], str) and isinstance(value, list)
-        else value
-        for name, value in fields.items()
-    }
 
 
 @each("crc")

@@ -162,11 +162,28 @@ def decode_message(
     if result != "ok":
         assert bytes(ffi.buffer(header)) == b"\xa5" * ffi.sizeof(header[0])
         assert bytes(ffi.buffer(message)) == b"\xa5" * ffi.sizeof(message[0])
+    fields = fields_of(name, message)
+    return result, (header.id, header.sequence, header.time_us), fields
+
+
+def fields_of(name: str, message: Any) -> dict[str, Any]:
+    """The wire numbers in a struct of that message, of any library of ours."""
     fields: dict[str, Any] = {}
     for field, kind in field_types(name):
         value = getattr(message, field)
         if is_characters(kind):
-            fields[field] = bytes(ffi.buffer(value)).rstrip(b"\0").decode("latin-1")
+            text = bytes(value[i][0] for i in range(len(value)))
+            fields[field] = text.rstrip(b"\0").decode("latin-1")
         else:
             fields[field] = list(value) if kind.kind == "array" else value
-    return result, (header.id, header.sequence, header.time_us), fields
+    return fields
+
+
+def as_bytes_hex(fields: dict[str, Any], like: dict[str, Any]) -> dict[str, Any]:
+    """Arrays that the vector writes as hex, so that both can be compared."""
+    return {
+        name: bytes(value).hex()
+        if isinstance(like[name], str) and isinstance(value, list)
+        else value
+        for name, value in fields.items()
+    }
