@@ -8,9 +8,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imud.cli.arguments import add_command, add_seconds
+from imud.cli.arguments import add_command, add_network, add_seconds
 from imud.cli.daemon import MISCONFIGURED
 from imud.cli.parser import plain
+from imud.defaults import ENDPOINT, PREFIX
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -74,16 +75,7 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="TOML file of settings, as printed by imud config; arguments override it",
     )
-    parser.add_argument(
-        "--connect", metavar="ENDPOINT", help="where the daemon (imud run) listens"
-    )
-    parser.add_argument(
-        "--keys",
-        metavar="FILE",
-        type=Path,
-        help="your credentials, if the daemon requires them: the file "
-        "clients/NAME.toml from imud keys",
-    )
+    add_network(parser)
     add_seconds(parser)
 
 
@@ -102,8 +94,11 @@ def _bridged(args: argparse.Namespace) -> int:
     from imud.config import reader
     from imud.errors import ConfigError
 
-    source = {"connect": args.connect, "keys": args.keys and str(args.keys)}
+    # What is not given is as the file has it.
+    connect = args.connect if args.connect != ENDPOINT else None
+    source = {"connect": connect, "keys": args.keys and str(args.keys)}
     changes: dict[str, dict[str, Any]] = {"bridge": source}
+    changes["zenoh"] = {"prefix": args.prefix if args.prefix != PREFIX else None}
     if args.output is not None:
         given = {name: getattr(args, name) for name in OUTPUTS[args.output][1]}
         changes[args.output] = {"enabled": True, **given}
