@@ -7,6 +7,7 @@ import os
 import random
 import subprocess
 import sys
+import tty
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -169,6 +170,7 @@ def test_the_example_starts_a_probe_and_prints_its_poses(folder: Path) -> None:
     words += [str(examples / "posix.c"), str(folder / "imuprobe.c"), "-o", str(program)]
     subprocess.run(words, check=True)
     ours, theirs = os.openpty()
+    tty.setraw(theirs)  # before the first byte
     with subprocess.Popen(
         [program, os.ttyname(theirs)], stdout=subprocess.PIPE, text=True
     ) as example:
