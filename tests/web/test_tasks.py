@@ -22,6 +22,7 @@ from web.test_page import downloaded
 SIZES = {1280: 800, 820: 1180, 390: 844}
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("width", SIZES)
 def test_a_press_marks_a_moment_in_signals_and_in_a_table(
     browser: Browser, desk: Desk, width: int
@@ -61,5 +62,7 @@ def test_without_hardware_a_virtual_probe_moves_after_one_click(
         page.locator(".lead li[data-done]", has_text="See it move").wait_for()
         page.get_by_role("button", name="End the virtual probe").click()
         page.get_by_text("is unplugged").wait_for()
+        page.get_by_role("button", name="Try a virtual probe").click()
+        page.get_by_role("button", name="End the virtual probe").wait_for()
         page.close()
         daemon.stop()

@@ -109,7 +109,10 @@ export class Lead {
     }
     if (state in MISSING) {
       const isThere = ["fault", "other schema"].includes(state);
-      return { head, text: `${MISSING[state]}.`, actions: isThere ? [{ text: "Open Probes", to: "probes" }] : [] };
+      const actions = isThere ? [{ text: "Open Probes", to: "probes" }] : [];
+      const again = { text: "Try a virtual probe", act: () => link.virtual(true), isQuiet: true };
+      const isOffered = state === "gone" && mayCommand && page.virtual === "offered";
+      return { head, text: `${MISSING[state]}.`, actions: isOffered ? [again] : actions };
     }
     return state === "streaming" && mayCommand ? this._leading(probe, head) : null;
   }
