@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The model of the LSM6DSOX against the manufacturer's documents: resets,
-self-test and faults.
+"""The model of the LSM6DSOX against the manufacturer's documents: registers
+and resets. Self-tests are in test_lsm6dsv16x.py.
 
 Numbers are typed from the data sheet of the LSM6DSO32, DocID032891 rev 1 (DS; registers
 by their names there), and of the LSM6DSO, DS12140 rev 2 (SO), not taken from the model.
@@ -100,52 +100,3 @@ def test_the_trim_of_the_clock_is_told_in_steps_of_0_15_percent(
     ppm: float, fine: int
 ) -> None:
     assert Chip(rate_error_ppm=ppm).read(0x63) == fine  # DS table 141
-
-
-@pytest.mark.parametrize(
-    ("low", "mdps", "least", "most"),
-    [(0x00, 8.75, 20, 80), (0x0C, 70.0, 150, 700)],  # SO table 2: 250, 2000 deg/s
-)
-@pytest.mark.parametrize(("st", "sign"), [(1, 1), (3, -1)])  # DS table 55
-def test_a_good_gyroscope_passes_its_self_test(
-    chip: Chip, low: int, mdps: float, least: float, most: float, st: int, sign: int
-) -> None:
-    chip.hold(gyr=(0.1, 0.1, -0.1))
-    chip.run(GYR, low=low)
-    chip.settle(GYR)
-    off = chip.counts(GYR)
-    chip.write(0x14, st << 2)
-    chip.sample(GYR)
-    on = chip.counts(GYR)
-    dps = [sign * (b - a) * mdps / 1000 for a, b in zip(off, on, strict=True)]
-    assert all(least <= v <= most for v in dps)
-
-
-@pytest.mark.parametrize(("st", "sign"), [(1, 1), (2, -1)])  # DS table 56
-@pytest.mark.parametrize(("fs", "mg"), [(0, 0.061), (2, 0.122)])
-def test_a_good_accelerometer_passes_its_self_test(
-    chip: Chip, st: int, sign: int, fs: int, mg: float
-) -> None:
-    chip.run(ACC, low=fs << 2)
-    chip.settle(ACC)
-    off = chip.counts(ACC)
-    chip.write(0x14, st)
-    chip.sample(ACC)
-    on = chip.counts(ACC)
-    responses = [sign * (b - a) * mg for a, b in zip(off, on, strict=True)]
-    assert all(50 <= response <= 1700 for response in responses)  # SO table 2
-
-
-@pytest.mark.parametrize("kind", ["GYR_SELF_TEST", "ACC_SELF_TEST"])
-def test_a_broken_sensor_fails_its_self_test(chip: Chip, kind: str) -> None:
-    chip.hold(acc=(0, 0, 0))
-    chip.fault(kind)
-    chip.run(GYR)
-    chip.run(ACC)
-    chip.write(0x14, 0x05)
-    chip.settle(ACC)
-    chip.settle(GYR)
-    gyr_dps = [abs(c) * 0.00875 for c in chip.counts(GYR)]
-    acc_mg = [c * 0.061 for c in chip.counts(ACC)]
-    assert (max(gyr_dps) < 20) is (kind == "GYR_SELF_TEST")
-    assert (max(acc_mg) < 52) is (kind == "ACC_SELF_TEST")

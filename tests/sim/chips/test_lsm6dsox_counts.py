@@ -63,39 +63,6 @@ def test_both_sensors_sample_on_one_grid(chip: Chip) -> None:
     assert {chip.sample(ACC) + round(k * 1e9 / HZ[5]) for k in range(-4, 0)} & fast
 
 
-@pytest.mark.parametrize(
-    ("low", "mdps"),
-    # DS and SO: G_So; the codes of DS table 47
-    [(0x02, 4.375), (0x00, 8.75), (0x04, 17.5), (0x08, 35.0), (0x0C, 70.0)],
-)
-def test_gyroscope_counts_over_the_ranges(chip: Chip, low: int, mdps: float) -> None:
-    one = math.radians(mdps * 1e-3)
-    chip.run(GYR, low=low)
-    chip.settle(GYR)
-    chip.hold(gyr=(20_000 * one, -10_000.4 * one, 40_000 * one))
-    chip.sample(GYR)
-    assert chip.counts(GYR) == [20_000, -10_000, 32_767]
-    chip.hold(gyr=(-40_000 * one, 0.6 * one, -0.4 * one))
-    chip.sample(GYR)
-    assert chip.counts(GYR) == [-32_768, 1, 0]
-
-
-@pytest.mark.parametrize(
-    ("fs", "mg"),
-    [(0, 0.061), (1, 0.488), (2, 0.122), (3, 0.244)],  # AD: 2, 16, 4, 8 g
-)
-def test_accelerometer_counts_over_the_ranges(chip: Chip, fs: int, mg: float) -> None:
-    one = mg * 1e-3 * GRAVITY
-    chip.run(ACC, low=fs << 2)
-    chip.settle(ACC)
-    chip.hold(acc=(20_000 * one, -10_000.4 * one, 40_000 * one))
-    chip.sample(ACC)
-    assert chip.counts(ACC) == [20_000, -10_000, 32_767]
-    chip.hold(acc=(-40_000 * one, 0.6 * one, 0.0))
-    chip.sample(ACC)
-    assert chip.counts(ACC) == [-32_768, 1, 0]
-
-
 def test_examples_of_output_data_of_the_application_note(chip: Chip) -> None:
     chip.run(ACC)
     chip.settle(ACC)

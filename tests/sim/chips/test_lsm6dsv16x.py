@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The model of the LSM6DSV16X: what it has other than the LSM6DSOX.
+"""The model of the LSM6DSV16X: what it has other than the LSM6DSOX; and ranges and
+self-tests of both.
 
-Its data sheet was not at hand. Numbers are typed from ST's driver of the LSM6DSV
-(lsm6dsv_reg.h, V) and ST's example lsm6dsv16x_self_test.c (EX), not taken from the
-model.
+The data sheet of the LSM6DSV16X was not at hand. Numbers are typed from ST's driver of
+the LSM6DSV (lsm6dsv_reg.h, V) and ST's example lsm6dsv16x_self_test.c (EX), those of
+the LSM6DSOX from the documents of test_lsm6dsox_counts.py, not taken from the model.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from sim.chips.lsm6dsox_desk import Chip as Dsox
 from sim.chips.lsm6dsv16x_desk import ACC, GYR, Chip
 from sim.chips.sensor_desk import GRAVITY
 
@@ -37,52 +39,75 @@ def test_rates_double_from_that_of_their_set(
 
 
 @pytest.mark.parametrize(
-    ("quantity", "low", "one"),
+    ("make", "quantity", "low", "one"),
     [
-        *((GYR, code, 4.375 * MDPS * 2**code) for code in range(5)),
-        (GYR, 12, 140.0 * MDPS),
-        *((ACC, code, 0.061 * MG * 2**code) for code in range(4)),
+        *((Chip, GYR, code, 4.375 * MDPS * 2**code) for code in range(5)),  # V
+        (Chip, GYR, 12, 140.0 * MDPS),
+        *((Chip, ACC, code, 0.061 * MG * 2**code) for code in range(4)),
+        # DS and SO: G_So; the codes of DS table 47. AD: 2, 16, 4, 8 g
+        *((Dsox, GYR, code << 2, 8.75 * MDPS * 2**code) for code in range(4)),
+        (Dsox, GYR, 0x02, 4.375 * MDPS),
+        *(
+            (Dsox, ACC, 4 * n, MG * v)
+            for n, v in enumerate((0.061, 0.488, 0.122, 0.244))
+        ),
     ],
 )
-def test_counts_over_the_ranges(
-    chip: Chip, quantity: int, low: int, one: float
-) -> None:
+def test_counts_over_the_ranges(make: Any, quantity: int, low: int, one: float) -> None:
+    chip = make()
     chip.run(quantity, low=low)
     chip.settle(quantity)
-    values = (20_000 * one, -10_000.4 * one, 40_000 * one)
-    chip.hold(gyr=values, acc=values)
-    chip.sample(quantity)
-    assert chip.counts(quantity) == [20_000, -10_000, 32_767]
+    for shares, counts in (
+        ((20_000, -10_000.4, 40_000), [20_000, -10_000, 32_767]),
+        ((-40_000, 0.6, -0.4), [-32_768, 1, 0]),
+    ):
+        values = tuple(share * one for share in shares)
+        chip.hold(gyr=values, acc=values)
+        chip.sample(quantity)
+        assert chip.counts(quantity) == counts
 
 
 @pytest.mark.parametrize(
-    ("quantity", "low", "unit", "limits"),
-    [(ACC, 1, 0.122, (50, 1700)), (GYR, 4, 0.07, (150, 700))],  # EX
+    ("make", "quantity", "low", "unit", "limits", "tests"),
+    [
+        # EX; V: positive, negative
+        (Chip, ACC, 1, 0.122, (50, 1700), {0x01: 1, 0x02: -1}),
+        (Chip, GYR, 4, 0.07, (150, 700), {0x04: 1, 0x08: -1}),
+        # SO table 2: 250, 2000 deg/s; DS tables 56, 55
+        (Dsox, ACC, 0x00, 0.061, (50, 1700), {0x01: 1, 0x02: -1}),
+        (Dsox, ACC, 0x08, 0.122, (50, 1700), {0x01: 1, 0x02: -1}),
+        (Dsox, GYR, 0x00, 8.75e-3, (20, 80), {0x04: 1, 0x0C: -1}),
+        (Dsox, GYR, 0x0C, 0.07, (150, 700), {0x04: 1, 0x0C: -1}),
+    ],
 )
-@pytest.mark.parametrize("test", [1, 2])  # V: positive, negative
 @pytest.mark.parametrize("is_broken", [False, True])
 def test_a_good_sensor_passes_its_self_test_and_a_broken_one_does_not(
-    chip: Chip,
+    make: Any,
     quantity: int,
     low: int,
     unit: float,
     limits: Any,
-    test: int,
+    tests: Any,
     is_broken: Any,
 ) -> None:
-    least, most = limits
-    sign = {1: 1, 2: -1}[test]
-    if is_broken:
-        chip.fault("ACC_SELF_TEST" if quantity == ACC else "GYR_SELF_TEST")
-    chip.run(quantity, low=low)
-    chip.settle(quantity)
-    off = chip.counts(quantity)
-    chip.write(0x19, test << (2 if quantity == GYR else 0))
-    chip.sample(quantity)
-    found = [
-        sign * (b - a) * unit for a, b in zip(off, chip.counts(quantity), strict=True)
-    ]
-    assert all(least <= value <= most for value in found) is not is_broken
+    for test, sign in tests.items():
+        chip = make()
+        if is_broken:
+            chip.fault("ACC_SELF_TEST" if quantity == ACC else "GYR_SELF_TEST")
+        chip.hold(gyr=(0.1, 0.1, -0.1))
+        chip.run(quantity, low=low)
+        chip.settle(quantity)
+        off = chip.counts(quantity)
+        chip.write(0x14 if make is Dsox else 0x19, test)
+        chip.sample(quantity)
+        found = [
+            sign * (b - a) * unit
+            for a, b in zip(off, chip.counts(quantity), strict=True)
+        ]
+        least, most = limits
+        passed = [least <= value <= most for value in found]
+        assert all(passed) if not is_broken else not all(passed)
+        assert chip.complaint() is None
 
 
 @pytest.mark.parametrize(
