@@ -139,7 +139,7 @@ def spoilt(name: str) -> tuple[Recording, Priors]:
         longer, _ = made(60.0)
         acc = longer.acc.copy()
         acc[len(acc) // 2 :, 0] += 4.0
-        return replace(longer, acc=acc), SHOP
+        return replace(longer, acc=acc), CALIBRATED
     if name == "from what all else tells of them":  # the gyroscope is knocked
         longer, _ = made(60.0, still_s=(28.0, 32.0))
         gyr = longer.gyr.copy()
