@@ -49,6 +49,16 @@ LSM6DSOX = desk.identity_of(
     acc_lsb_nm_s2=4785645,
     mag_lsb_pt=14616,
 )
+LSM6DSV16X = desk.identity_of(
+    kind=lib.SENSOR_LSM6DSV16X,
+    rate_hz=lib.LSM6DSV16X_RATE_HZ,
+    gyr_delay_us=lib.LSM6DSV16X_GYR_DELAY_US,
+    mag_lag_us=lib.LSM6DSV16X_MAG_LAG_US,
+    gyr_lsb_nrad_s=1221730,
+    acc_lsb_nm_s2=4785645,
+    mag_lsb_pt=14616,
+)
+OTHERS = {"lsm9ds0": LSM9DS0, "lsm6dsox": LSM6DSOX, "lsm6dsv16x": LSM6DSV16X}
 KINDS = range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1)
 NULL = -(2**15)
 
@@ -123,7 +133,7 @@ def test_the_hellos_filter_is_replayed_to_the_last_bit(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("identity", [LSM9DS0, LSM6DSOX], ids=["lsm9ds0", "lsm6dsox"])
+@pytest.mark.parametrize("identity", OTHERS.values(), ids=OTHERS)
 def test_other_sensors_are_replayed_to_the_last_bit(kind, identity):
     rate_hz = identity.rate_hz
     rows = scene(tumble(8, rate_hz, 4), rate_hz, seed=4).samples(identity)
@@ -131,7 +141,7 @@ def test_other_sensors_are_replayed_to_the_last_bit(kind, identity):
     assert replayed(replay, rows) == poses(kind, rows, identity)
 
 
-@pytest.mark.parametrize("sensor", [lib.SENSOR_NONE, lib.SENSOR_LSM6DSOX + 1, 255])
+@pytest.mark.parametrize("sensor", [lib.SENSOR_NONE, lib.SENSOR_LSM6DSV16X + 1, 255])
 def test_a_hello_of_no_sensor_is_refused(sensor):
     unknown = desk.identity_of(kind=sensor)
     with pytest.raises(ValueError, match=f"sensor {sensor} is not one that can be"):
