@@ -71,14 +71,14 @@ def files(schema: Schema) -> dict[str, str]:
         [
             _PROTOTYPE.sub("", _LAYOUT.sub("", messages) + frame),
             *scales(schema),
-            (PROTOCOL / "library" / "reader.h").read_text("utf-8"),
+            _HEAD.sub("", (PROTOCOL / "library" / "reader.h").read_text("utf-8")),
         ]
     )
     code = [
         *_LAYOUT.findall(messages),
         _bare((CORE / "wire" / "frame.c").read_text("utf-8")),
         _ORDER.sub("", _bare(c_code.source(schema))),
-        (PROTOCOL / "library" / "reader.c").read_text("utf-8"),
+        _HEAD.sub("", (PROTOCOL / "library" / "reader.c").read_text("utf-8")),
     ]
     static = _DEFINITION.sub("static ", "\n".join(code))
     fingerprint = f"0x{schema.fingerprint:08x}"

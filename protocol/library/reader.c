@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT
+// The part of libimuprobe that is no firmware: see reader.h.
 enum { GAP_MAX = 10000 };  // of a sequence, half a minute of all messages
 
 void imuprobe_begin(struct imuprobe_reader *reader) {

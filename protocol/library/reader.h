@@ -1,3 +1,5 @@
+// SPDX-License-Identifier: MIT
+
 // Reads a probe: bytes in; messages, and the account of what was lost, out. No
 // allocation, no float, no I/O; one reader for each port.
 //

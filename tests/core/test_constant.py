@@ -132,7 +132,7 @@ def test_constants_are_the_same_on_every_compiler(path: Path, tmp_path: Path) ->
 def test_constants_of_all_rooms_are_compared() -> None:
     names = [name for path in SOURCES for name in constants(path)]
     assert len(names) > 110
-    assert {"LAG_Q35", "TURNING_NOISE", "KP_Q25", "LEVEL_ERROR_Q30"} <= set(names)
+    assert {"LAG_Q35", "TURNING_NOISE", "KP_Q25", "LEAN_MIN_Q30"} <= set(names)
 
 
 def limits(path: Path) -> list[str]:

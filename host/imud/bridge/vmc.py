@@ -91,7 +91,8 @@ def bones_of(body: Body) -> dict[str, Quat]:
     side = body.side.capitalize()
     found: dict[str, Quat] = {}
     for name, segment in segments.items():
-        bone = TRUNK.get(name) or (f"{side}{LIMB[name]}" if name in LIMB else "")
+        of_limb = LIMB.get(name.replace("-", "_"))  # the page has upper-arm
+        bone = TRUNK.get(name) or (f"{side}{of_limb}" if of_limb else "")
         above = segments.get(segment.parent or "")
         if not bone or segment.q is None or (above and above.q is None):
             continue

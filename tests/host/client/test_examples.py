@@ -67,6 +67,6 @@ def test_command_says_why_it_could_not() -> None:
 
 def test_an_example_fits_a_page() -> None:
     for path in EXAMPLES.iterdir():
-        if path.stem != "zenoh_pico":
+        if path.is_file() and path.stem != "zenoh_pico":
             lines = [line for line in path.read_text().splitlines() if line]
             assert len(lines) <= 20, path

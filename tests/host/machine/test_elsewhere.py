@@ -40,6 +40,7 @@ BESIDE: dict[str, tuple[list[str], str]] = {
     "record": (["--seconds", "0.5", "--log", "{}/recorded"], "records to"),
     "name": (["00112233445566aa", "00112233445566aa"], "is now called"),
     "mark": (["00112233445566aa", "0.5"], "marked"),
+    "magnetometer": (["nosuch", "off"], "no probe nosuch"),
     "params": (["history", "00112233445566aa"], ""),
     "calibrate": (["undo", "nosuch"], "no probe nosuch"),
     "check": (["nosuch"], "no probe nosuch"),
@@ -64,6 +65,7 @@ ALONE = {
     "sim": (["nano", "--image", "{}/none"], "does not exist"),
     "demo": (["--help"], "virtual probes"),
     "body": (["{}/none.toml"], "can't read"),
+    "bridge": (["all"], "no output is enabled"),
     "run": (["--config", "{}/none.toml"], "can't read"),
 }
 
