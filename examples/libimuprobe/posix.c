@@ -36,8 +36,8 @@ int main(int count, char **words) {
                 show(&reader, &message);
                 if (reader.messages == 1) {  // its first hello
                     uint8_t frame[IMUPROBE_COMMAND_MAX];
-                    const uint8_t length = imuprobe_command(
-                        &reader, IMUPROBE_COMMAND_START, 0, 0, frame);
+                    const uint8_t length =
+                        imuprobe_command(&reader, IMUPROBE_COMMAND_START, 0, 0, frame);
                     if (write(port, frame, length) != length) {
                         return 1;
                     }

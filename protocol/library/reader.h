@@ -32,18 +32,18 @@ struct imuprobe_message {
 };
 
 struct imuprobe_reader {
-    uint32_t messages;   // that were good
-    uint32_t lost;       // gaps in sequence numbers, since the first hello
-    uint32_t corrupt;    // frames that are damaged, or no message of this schema; the
-                         // ranges of values are not judged
-    uint32_t late;       // repeated or out of order, and left out
-    uint32_t restarts;   // of the probe
-    uint32_t schema;     // of its last hello: IMUPROBE_SCHEMA_FINGERPRINT, or another
-    uint32_t next;       // the sequence number that is expected
-    uint32_t suspect;    // a number far ahead, which the next message confirms or not
-    uint32_t commands;   // that were written
-    uint16_t boot;       // boot_count of its last hello
-    bool has_hello;      // and `next` is known
+    uint32_t messages;  // that were good
+    uint32_t lost;      // gaps in sequence numbers, since the first hello
+    uint32_t corrupt;   // frames that are damaged, or no message of this schema; the
+                        // ranges of values are not judged
+    uint32_t late;      // repeated or out of order, and left out
+    uint32_t restarts;  // of the probe
+    uint32_t schema;    // of its last hello: IMUPROBE_SCHEMA_FINGERPRINT, or another
+    uint32_t next;      // the sequence number that is expected
+    uint32_t suspect;   // a number far ahead, which the next message confirms or not
+    uint32_t commands;  // that were written
+    uint16_t boot;      // boot_count of its last hello
+    bool has_hello;     // and `next` is known
     struct frame_decoder decoder;
     uint8_t bytes[FRAME_CONTENT_MAX + FRAME_CRC];
 };
@@ -60,8 +60,8 @@ enum { IMUPROBE_COMMAND_MAX = 1 + MESSAGE_COMMAND_SIZE + FRAME_AROUND };
 
 void imuprobe_begin(struct imuprobe_reader *reader);
 
-// Takes the next byte of the port. Only with IMUPROBE_MESSAGE is `out` written. Messages
-// before the first hello are left out: their schema is not known.
+// Takes the next byte of the port. Only with IMUPROBE_MESSAGE is `out` written.
+// Messages before the first hello are left out: their schema is not known.
 enum imuprobe_got imuprobe_read(struct imuprobe_reader *reader, uint8_t byte,
                                 struct imuprobe_message *out);
 
