@@ -27,6 +27,9 @@ FAR_SIGMAS = 3.0  # of a reading that is not believed, and of a prior
 # stands for much in the model: 99 % of sound recordings are within 1.4 and 0.6.
 TILTS_APART, HEADINGS_APART = 1.8, 1.2
 RESTS_OFF = 3.0  # sigmas: sound recordings have 1.7 and less
+# Of modules that are not calibrated, whose errors are not all in the model: sound ones
+# have up to 1.7 and 8.
+RAW_HEADINGS_APART, RAW_RESTS_OFF = 2.0, 9.0
 VARIED_DEG = 60.0  # from the first attitude, where the magnetometer is not calibrated
 OWN_KNOWN_UT = 1.0
 ELSEWHERE_DEG = 5.0  # between the fields at the first rest and on the way
@@ -57,15 +60,18 @@ def _of_all(window: Window) -> Iterator[Doubt]:
             f"it turned by {unseen:.2f} deg/sqrt(s) that the gyroscope did not see",
             True,
         )
+    is_raw = window.priors.own > OWN_KNOWN_UT
     apart, sigma = window.halves_apart()
     tilt, heading = math.hypot(*apart[:2]), abs(apart[2])
     words = "before and after its middle differ by"
     if tilt > TILTS_APART * math.hypot(*sigma[:2]):
         yield Doubt(f"its tilts {words} {math.degrees(tilt):.0f} deg", True)
-    if heading > HEADINGS_APART * sigma[2] and window.recording.has_mag.any():
+    most = (RAW_HEADINGS_APART if is_raw else HEADINGS_APART) * float(sigma[2])
+    if heading > most and window.recording.has_mag.any():
         angle = f"{math.degrees(heading):.0f} deg"
         yield Doubt(f"its headings {words} {angle}", is_of_changes=True)
-    if (off := window.rests_off()) > RESTS_OFF:
+    off = window.rests_off()
+    if off > (RAW_RESTS_OFF if is_raw else RESTS_OFF):
         words = f"a rest's rates are {off:.0f} sigmas from what all else tells of them"
         yield Doubt(words, True)
     states = window.estimate.states
