@@ -97,7 +97,11 @@ def main(arguments: list[str] | None = None) -> int:
         help="print the text whose digest is the fingerprint",
     )
     parser.add_argument(
-        "--library", metavar="DIR", type=Path, help="write libimuprobe there, and stop"
+        "--library",
+        dest="folder",
+        metavar="DIR",
+        type=Path,
+        help="write libimuprobe there, and stop",
     )
     asked = parser.parse_args(arguments)
     try:
@@ -105,10 +109,10 @@ def main(arguments: list[str] | None = None) -> int:
         if asked.canonical:
             sys.stdout.write(schema.canonical)
             return 0
-        if asked.library is not None:
-            asked.library.mkdir(parents=True, exist_ok=True)
+        if asked.folder is not None:
+            asked.folder.mkdir(parents=True, exist_ok=True)
             for name, text in library.files(schema).items():
-                (asked.library / name).write_text(text, "utf-8")
+                (asked.folder / name).write_text(text, "utf-8")
             return 0
         files = outputs(schema)
     except (SchemaError, OSError) as error:

@@ -24,11 +24,10 @@ from pythonosc.osc_message import OscMessage
 
 from bridged import (
     ID,
-    MOSQUITTO,
-    OSCDUMP,
     Broker,
     Follower,
     Receiver,
+    needs_mosquitto,
     pose,
     status,
 )
@@ -55,8 +54,6 @@ from imud.errors import ConfigError
 from imud.published import SinceOrigin
 from imud.rotation import from_heading_pitch_roll, from_rotation_vector, multiply
 
-needs_mosquitto = pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto")
-
 WITHHELD = {"heading_sigma_deg": None, "flags": ("heading_free",)}
 STARTING = {"tilt_sigma_deg": None, "heading_sigma_deg": None, "flags": ("starting",)}
 
@@ -67,11 +64,10 @@ def bundle(data: bytes) -> dict[str, Any]:
     return {each.address: each.params for each in found}
 
 
-@pytest.mark.skipif(OSCDUMP is None, reason="liblo-tools is not there")
 def test_oscdump_prints_each_part_of_a_pose_at_its_address() -> None:
     port = free_address()[1]
     out = subprocess.PIPE
-    command = ["stdbuf", "-oL", str(OSCDUMP), str(port)]
+    command = ["stdbuf", "-oL", "oscdump", str(port)]
     with subprocess.Popen(command, stdout=out, text=True) as dump:
         assert dump.stdout is not None
         output = OscOutput(OscSettings(to=f"127.0.0.1:{port}"))

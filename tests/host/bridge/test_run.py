@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 from pythonosc.osc_bundle import OscBundle
 
-from bridged import MOSQUITTO, Broker, Follower, Receiver
+from bridged import Broker, Follower, Receiver, needs_mosquitto
 from configured import running
 from fakes import DaemonProcess, FakeProbe, Forked, Port
 from imud.bridge.run import Pace
@@ -79,7 +79,7 @@ def test_a_bridge_tells_of_a_probe_that_leaves_and_a_daemon_that_dies(
     assert [line.split()[1] for line in lines[-2:]] == ["osc:", "mavlink:"]
 
 
-@pytest.mark.skipif(MOSQUITTO is None, reason="mosquitto is not there")
+@needs_mosquitto
 def test_a_broker_tells_of_a_bridge_that_was_killed(tmp_path: Path) -> None:
     with (
         Broker(tmp_path, "allow_anonymous true") as broker,

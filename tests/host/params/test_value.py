@@ -252,3 +252,9 @@ def test_the_field_to_the_north_and_up_follows_from_norm_and_dip(
     }
     plain = Params().replaced("mag", values).plain("mag")
     assert (plain["north_uT"], plain["up_uT"]) == (north_ut, up_ut)
+
+
+def test_a_name_is_its_letters_with_zeros_behind_them() -> None:
+    params = Params().replaced("name", {"text": "häp"})
+    assert params.encode() == bytes.fromhex("061868c3a470" + 20 * "00")
+    assert Params.decode(params.encode()).name == "häp"
