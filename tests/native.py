@@ -224,16 +224,16 @@ class _Build:
         CACHE.mkdir(parents=True, exist_ok=True)
         with locked(CACHE / ".lock"):
             if not target.exists():
-                build(target)
+                made = target.with_suffix(".part")  # others load only what is whole
+                build(made)
+                made.rename(target)
         return target
 
-    def _link(self, target: Path) -> None:
-        made = target.with_suffix(".part")
+    def _link(self, made: Path) -> None:
         objects = map(str, self.objects())
         _run("gcc", *self.flags, *objects, *self.libraries, "-o", str(made))
-        made.rename(target)
 
-    def _build(self, target: Path) -> None:
+    def _build(self, made: Path) -> None:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             are_whole = pool.map(self._is_whole, self.headers)
             headers = list(compress(self.headers, are_whole))
@@ -252,7 +252,6 @@ class _Build:
             glue = Path(room) / "glue.c"
             with contextlib.redirect_stdout(io.StringIO()):  # it prints its file's name
                 ffi.emit_c_code(str(glue))
-            made = Path(room) / target.name
             # cffi's code is compiled without our warnings, but with the sanitizers for
             # the headers' inline functions, and unoptimised to save time.
             _run(
@@ -265,7 +264,6 @@ class _Build:
                 "-o",
                 str(made),
             )
-            made.rename(target)
 
     def objects(self) -> list[Path]:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
