@@ -83,8 +83,8 @@ def with_learning(feed: Feed) -> tuple[Estimate, list[float]]:
     """
     hello = messages.decode(feed.hello)
     assert isinstance(hello, messages.Message)
-    lsbs = [float(hello.fields[key]) for key in LSBS]  # type: ignore[arg-type]
-    learner, records = Learner(Scale(*lsbs)), b""
+    acc, gyr, mag, rate = (float(hello.fields[key]) for key in LSBS)  # type: ignore[arg-type]
+    learner, records = Learner(Scale(acc, gyr, mag, rate)), b""
     coming: tuple[float, bytes] | None = None
     replay = Replay(feed.hello, b"")
     due = dict(zip(feed.pose_after, feed.pose_sequence, strict=True))

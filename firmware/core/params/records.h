@@ -14,6 +14,7 @@ enum params_record {
     PARAMS_TIP = 4,
     PARAMS_OPTIONS = 5,
     PARAMS_NAME = 6,
+    PARAMS_NOISE = 8,
 };
 
 // Bytes of the parts.
@@ -24,6 +25,7 @@ enum {
     PARAMS_TIP_SIZE = 23,
     PARAMS_OPTIONS_SIZE = 2,
     PARAMS_NAME_SIZE = 24,
+    PARAMS_NOISE_SIZE = 4,
 };
 
 // Numbers that say "not known", in every value of a part.
@@ -49,6 +51,8 @@ enum {
 #define TIP_AXIS_NULL INT16_MIN
 #define TIP_SIGMA_NULL UINT16_MAX
 #define TIP_DAY_NULL UINT16_MAX
+#define NOISE_ACC_NULL UINT16_MAX
+#define NOISE_GYR_NULL UINT16_MAX
 
 struct record_acc {
     int32_t bias[3];      // 2^-14 counts
@@ -101,6 +105,11 @@ struct record_options {
 
 struct record_name {
     uint8_t text[24];
+};
+
+struct record_noise {
+    uint16_t acc;  // 1e-6 m/s2/rtHz
+    uint16_t gyr;  // 1e-7 rad/s/rtHz
 };
 
 #endif

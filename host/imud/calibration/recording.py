@@ -23,12 +23,15 @@ IntArray = npt.NDArray[np.intp]
 
 
 class Scale(msgspec.Struct, frozen=True):
-    """The value of one count of each sensor, and the number of samples a second."""
+    """The value of one count of each sensor, and the number of samples a second.
+    `is_sparse`: they are not all that the sensor made.
+    """
 
     acc_m_s2: float
     gyr_rad_s: float
     mag_ut: float
     rate_hz: float
+    is_sparse: bool = False
 
 
 class Sample(msgspec.Struct, frozen=True):

@@ -114,6 +114,7 @@ class Evidence:
     lost: int = 0  # messages between the probe and us
     other_schema: bool = False
     earth: Earth | None = None
+    params: bytes | None = None  # the active records, if they are known
     poses: list[Posed] = field(default_factory=list)
     button: bool | None = None  # whether it was pressed in time; None: not asked
     led: bool | None = None  # whether it shows the state, by the user's answer

@@ -4,20 +4,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
+from imud.calibration.noise import density
 from imud.calibration.recording import COUNT_MAX
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, graded, skipped, worst
 from imud.gravity import GRAVITY_M_S2
+from imud.params.condition import TITLES
 from imud.probes.chip import Chip, chip_of
 from imud.probes.self_test import AXES
 from imud.rotation import FloatArray
+from imud.wire.params import parts_of
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -35,6 +38,8 @@ STUCK_S = 1.0
 ALL = "all"
 NOISE_FAULT = 6.0  # times the limit
 NOISE_GOOD = 1.5
+SPARSE = 1.1  # samples that the sensor made, for each; noise of left out ones is missed
+LOUDER = 2.0  # times the noise of the calibration; ten seconds tell it to 6 %
 
 # Twice the noise of a good chip is no tone. A hand moves slower.
 VIBRATION_MG, VIBRATION_MIN_HZ = 10.0, 2.0
@@ -51,6 +56,7 @@ class RestReadings:
     acc_noise_mg: FloatArray  # rms within windows
     gyr_noise_dps: FloatArray
     mag_noise_ut: FloatArray  # NaN: no readings
+    densities: Mapping[str, float | None] = field(default_factory=dict)  # of SI units
 
     @property
     def is_enough(self) -> bool:
@@ -79,6 +85,10 @@ def rest_of(evidence: Evidence, samples: Samples) -> RestReadings:
         still &= _is_mostly(acc.mean(axis=1), still)
     if not still.any():
         return RestReadings(0.0, *(nothing,) * 5)
+    densities = {}
+    if period_us * 1e-6 * hello["sample_rate"] < SPARSE:
+        for name, values in (("acc", acc * MG), ("gyr", gyr / DEG)):
+            densities[name] = density(values[still], period_us * 1e-6)
     return RestReadings(
         float(still.sum()) * size * period_us * 1e-6,
         acc[still].mean(axis=(0, 1)),
@@ -86,6 +96,7 @@ def rest_of(evidence: Evidence, samples: Samples) -> RestReadings:
         _rms(acc_std[still]),
         _rms(gyr_std[still]),
         _mag_noise(mag[still]),
+        densities,
     )
 
 
@@ -150,6 +161,7 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
     chip = chip_of(evidence.hello)
     yield _noise("gyroscope noise", rest.gyr_noise_dps, chip.gyr_noise_dps, "deg/s", 3)
     yield _noise("accelerometer noise", rest.acc_noise_mg, chip.acc_noise_mg, "mg", 1)
+    yield from _louder(evidence, rest)
     yield _gyr_offset(rest, chip)
     yield _acc_offset(rest, chip)
 
@@ -177,6 +189,34 @@ def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -
     measured = f"{_axes(noise, digits)} {unit} rms"
     normal = f"{limit:g} {unit} rms, up to {limit * NOISE_GOOD:g} is good"
     return Row(name, measured, normal, verdict, advice, {"rms": _rounded(noise)})
+
+
+def _louder(evidence: Evidence, rest: RestReadings) -> Iterator[Row]:
+    """Against the noise that the params have of the calibration; of others no row."""
+    known = parts_of(evidence.params or b"").get("noise", {})
+    times = {
+        TITLES[name]: now / then
+        for name, now in rest.densities.items()
+        if now and isinstance(then := known.get(name), float) and then > 0.0
+    }
+    if not times:
+        return
+    name = max(times, key=lambda each: times[each])
+    advice = ""
+    if times[name] > LOUDER:
+        advice = (
+            f"the {name} is {times[name]:.1f} times as noisy as when it was "
+            "calibrated: the table shakes, a contact is loose, or this is another "
+            "module; imud calibrate measures it again"
+        )
+    yield Row(
+        "noise since calibration",
+        ", ".join(f"{each} {value:.1f} times" for each, value in times.items()),
+        f"up to {LOUDER:g} times",
+        RowVerdict.LOOK if advice else RowVerdict.GOOD,
+        advice,
+        {"times": {each: round(value, 3) for each, value in times.items()}},
+    )
 
 
 def _gyr_offset(rest: RestReadings, chip: Chip) -> Row:

@@ -19,7 +19,7 @@ from imud.calibration.earth import Earth
 from imud.calibration.recording import Sample, Scale
 from imud.client import Client, Event, Raw, subscribe
 from imud.errors import DeviceError, FileError, ImudError, NoReply, ProbeUnknown
-from imud.params.value import Params
+from imud.params.value import SENSORS, Params
 from imud.probes.sensors import missing_magnetometer, out_of_work
 
 # A probe that sends raw samples is heard within this time.
@@ -28,6 +28,7 @@ SILENT_S = 5.0
 STATUS_S = 3.0
 TICK_S = 0.1
 RATE_MIN_HZ = 50.0
+WHOLE = 0.9  # of the samples that there are: clocks differ by less than the rest
 LONGEST_S = 900.0  # of a file: its last samples
 # In so long a pause of the raw stream a probe may be turned to any heading.
 PAUSE_US = 2_000_000
@@ -50,7 +51,9 @@ class CalibratedProbe:
 
 def scale_of(hello: Mapping[str, Any], rate_hz: float) -> Scale:
     """The values of a probe's counts."""
-    return Scale(hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], rate_hz)
+    is_sparse = rate_hz < WHOLE * hello["sample_rate"]
+    acc, gyr, mag = (hello[f"{name}_lsb"] for name in SENSORS)
+    return Scale(acc, gyr, mag, rate_hz, is_sparse)
 
 
 def sample_of(raw: Raw) -> Sample:

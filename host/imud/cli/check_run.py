@@ -95,6 +95,7 @@ def live(args: argparse.Namespace) -> int:
                         _lay(source, evidence, screen)
                     if not args.no_button:
                         _touch(source, evidence, screen)
+                source.add_params(evidence)
         except Quit:
             sys.stderr.write("imud: stopped; nothing was changed\n")
             return 1

@@ -118,6 +118,11 @@ class LiveMessages:
                     raise
             time.sleep(TICK_S)
 
+    def add_params(self, evidence: Evidence) -> None:
+        """Gives its params to the evidence, if they are known by now."""
+        with contextlib.suppress(ImudError):
+            evidence.params = bytes.fromhex(self._client.params(self._id)["bytes"])
+
     def _try(self, name: str, arguments: dict[str, str]) -> bool:
         """Whether the probe accepted it: one without a sensor may refuse."""
         try:
@@ -200,6 +205,7 @@ def of_file(path: Path, probe: str | None) -> tuple[str, Evidence]:
         )
     evidence = found[name]
     evidence.link = tally.links[-1] if tally.links else None
+    evidence.params = tally.probes[name].params
     known: Any = tally.probes[name].account.counts()
     evidence.lost = totals(known).lost
     return f"{name} in {path}", evidence

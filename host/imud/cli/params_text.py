@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from imud.calibration.noise import KEYS
 from imud.client import Client
 from imud.errors import CommandRefused, FileError, ParamsError
 from imud.gravity import GRAVITY_M_S2
@@ -81,11 +82,21 @@ def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
     yield from _titled("options", [words + str(options.reference)])
     if params.name:
         yield from _titled("name", [params.name])
+    if noise := params.plain("noise"):
+        yield from _titled("noise", [_noise_words(noise)])
     if params.unknown:
         tags = ", ".join(f"{tag} ({len(b)} bytes)" for tag, b in params.unknown.items())
         yield from _titled("unknown", [f"records of other firmware, kept: {tags}"])
     for fault in params.faults():
         yield from _titled("fault", [fault])
+
+
+def _noise_words(noise: dict[str, Any]) -> str:
+    acc, gyr = noise.get(KEYS["acc"]), noise.get(KEYS["gyr"])
+    acc_ug = None if acc is None else 1e6 * acc / GRAVITY_M_S2
+    gyr_mdps = None if gyr is None else 1e3 * math.degrees(gyr)
+    words = f"{_with_unit(acc_ug, 'ug')}, {_with_unit(gyr_mdps, 'mdps')}"
+    return f"when calibrated {words} in the root of a Hz"
 
 
 def _titled(title: str, lines: list[str]) -> Iterator[str]:

@@ -35,6 +35,7 @@ ABOUT = {
     "tip": "Tip: its offset from the sensor and the probe's axis, in the body frame",
     "options": "How the probe behaves",
     "name": "What the probe is called",
+    "noise": "White noise of an axis when it was calibrated, in the root of a Hz",
     "unknown": "Records of other firmware by their tags, kept as they are",
 }
 # Beside its own keys a table may have these, where a record is of other firmware.

@@ -36,7 +36,9 @@ SUFFIXES = {
     "m": "_m",
     "m/s2": "_m_s2",
     "m/s2/K": "_m_s2_k",
+    "m/s2/rtHz": "_m_s2_rthz",
     "rad": "_rad",
+    "rad/s/rtHz": "_rad_s_rthz",
     "s": "_s",
     "uT": "_uT",
 }

@@ -553,4 +553,12 @@ RECORDS = (
         6,
         (Field("text", 0, "u8", 24),),
     ),
+    RecordType(
+        "noise",
+        8,
+        (
+            Field("acc", 0, "u16", scale=1e-6, unit="m/s2/rtHz", null=65535),
+            Field("gyr", 0, "u16", scale=1e-7, unit="rad/s/rtHz", null=65535),
+        ),
+    ),
 )

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -24,8 +26,10 @@ from imud.calibration.recording import COUNT_MAX, Sample
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE, Follower, Manners, Sampler, pieces
-from imud.virtual.modules import shop
+from imud.virtual.modules import NOISE, shop
 from imud.virtual.motions.module import Module
+
+HAND_HZ = 500.0  # whose noise is as white as that of the module
 
 
 @cache
@@ -103,6 +107,15 @@ def test_scores_fall_and_words_and_sure_params_follow() -> None:
     only = result_of_fit(done.fit, SCALE, Params(), sensors=("gyr",)).params
     assert only.acc is None
     assert only.gyr == params.gyr
+    made = NOISE.noise(HAND_HZ)[:, 0] * math.sqrt(2.0 / HAND_HZ)
+    gyr = {"gyr_rad_s_rthz": pytest.approx(made[0], rel=0.1)}
+    assert params.plain("noise") == gyr | {
+        "acc_m_s2_rthz": pytest.approx(made[1], rel=0.1)
+    }
+    assert only.plain("noise") == gyr | {"acc_m_s2_rthz": None}
+    # Noise of samples that are missing is folded into those that are there.
+    sparse = msgspec.structs.replace(SCALE, is_sparse=True)
+    assert result_of_fit(done.fit, sparse, Params()).params.plain("noise") is None
 
 
 def test_moving_too_early_is_reported() -> None:

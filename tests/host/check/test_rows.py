@@ -11,10 +11,13 @@ import pytest
 
 from check_bench import F405, HELLO, G, evidence, raws, rows, troubles
 from imud.calibration.earth import Earth
+from imud.calibration.noise import with_noise
 from imud.check.evidence import Evidence, Wire
 from imud.check.judge import judged
+from imud.check.readings import MG
 from imud.check.rows import RowVerdict, overall, summary
 from imud.check.wire import clock_ppm
+from imud.params.value import Params
 
 LOOK, FAULT = RowVerdict.LOOK, RowVerdict.FAULT
 
@@ -97,6 +100,33 @@ def test_readings_that_are_not_normal_have_a_line_with_the_number(
     assert troubles(found) == {name: verdict}
     assert words in rows(found)[name].measured
     assert rows(found)[name].advice
+
+
+@pytest.mark.parametrize(
+    ("acc_mg", "gyr_dps", "words"),
+    [
+        (5.0, 0.07, ""),
+        (15.0, 0.07, "the accelerometer is 3.1 times as noisy"),
+        (5.0, 0.21, "the gyroscope is 3.1 times as noisy"),
+    ],
+)
+def test_noise_is_compared_with_that_of_the_calibration(
+    acc_mg: float, gyr_dps: float, words: str
+) -> None:
+    samples = raws(acc_noise_mg=acc_mg, gyr_noise_dps=gyr_dps)
+    found = evidence(samples=samples)
+    assert "noise since calibration" not in rows(found)
+    # White noise at 200 Hz, in the root of a Hz.
+    known = {"acc": 5.0 * MG / 10.0, "gyr": np.radians(0.07) / 10.0}
+    found.params = with_noise(Params(), known).encode()
+    row = rows(found)["noise since calibration"]
+    assert row.verdict is (LOOK if words else RowVerdict.GOOD)
+    assert row.advice.startswith(words)
+    assert row.numbers["times"] == pytest.approx(
+        {"accelerometer": acc_mg / 5.0, "gyroscope": gyr_dps / 0.07}, rel=0.1
+    )
+    found.hello["sample_rate"] = 400  # of which only half were sent
+    assert "noise since calibration" not in rows(found)
 
 
 def test_an_own_field_of_an_uncalibrated_module_is_normal() -> None:

@@ -48,7 +48,7 @@ def test_one_sensor_alone(taken: Path, capsys: pytest.CaptureFixture[str]) -> No
     code, out, _ = run(capsys, taken, "gyro", *DRY)
     assert code == 0
     changed = {line.split()[0] for line in out.splitlines() if " -  " in line}
-    assert changed == {"gyr"}
+    assert changed == {"gyr", "noise"}
 
 
 def test_a_wave_needs_an_accelerometer_that_is_calibrated(

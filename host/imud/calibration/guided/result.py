@@ -14,6 +14,7 @@ from imud.calibration.drift import with_drift
 from imud.calibration.earth import Earth, strangeness
 from imud.calibration.guided.wave import Wave
 from imud.calibration.guided.whole import ModuleFit
+from imud.calibration.noise import with_noise
 from imud.calibration.recording import Scale
 from imud.calibration.result import CalibrationResult, with_mag, with_sensor
 from imud.gravity import GRAVITY_M_S2
@@ -62,6 +63,9 @@ def result_of_fit(
     if "mag" in sensors and mag is not None and field_deg is not None:
         params = with_mag(params, mag, field_deg, into, scale, made)
         done.append("mag")
+    if not scale.is_sparse:
+        noise = {name: each for name, each in fit.noise.items() if name in done}
+        params = with_noise(params, noise)
     params.check()
     last = fit.stops[-1]
     return CalibrationResult(

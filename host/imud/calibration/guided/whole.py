@@ -13,6 +13,7 @@ from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
 from imud.calibration.gyroscope import GyrFit
 from imud.calibration.magnetometer import MagFit, Readings
+from imud.calibration.noise import density
 from imud.calibration.recording import SensorRecording
 from imud.calibration.score import CalibrationScore, score
 from imud.calibration.stops import StaticInterval, find_stops
@@ -34,6 +35,7 @@ class ModuleFit:
     score: CalibrationScore
     step_s: float  # of the recording
     temperature_c: float | None
+    noise: dict[str, float | None]  # densities of acc and gyr, where they are known
 
 
 def fit(
@@ -71,4 +73,8 @@ def fit(
         score(acc, mag, len(stops)),
         recording.step_s,
         recording.temperature_c,
+        {
+            name: density((values[s.start : s.end] for s in stops), recording.step_s)
+            for name, values in (("acc", recording.acc), ("gyr", recording.gyr))
+        },
     )
