@@ -29,9 +29,9 @@ pytestmark = pytest.mark.long
 FEED = Path(__file__).with_name("feed.py")
 RATE_HZ = 200
 MAG_NULL = -32768
-ABOUT = (int(schema.Sensor.MPU9250), RATE_HZ, 4788403, 1065264, 150000, 3900)
+ABOUT = (int(schema.Sensor.MPU9250), RATE_HZ, 4788403, 1065264, 150000, 0x71)
 LSB = (4788403e-9, 1065264e-9, 0.15)  # m/s2, rad/s and uT: the same
-LSM9DS0 = (int(schema.Sensor.LSM9DS0), 380, 7178468, 1221730, 8000, 2251)
+LSM9DS0 = (int(schema.Sensor.LSM9DS0), 380, 7178468, 1221730, 8000, 0xD4)
 SECONDS = 62
 STROKE = 0x14
 ALL = int(schema.StreamFlags.POSE | schema.StreamFlags.RAW)
@@ -48,7 +48,7 @@ class Tape:
         self.data += struct.pack("<I11h", time_us, *values)
 
     def sensor(self, time_us: int, *about: int) -> None:
-        """Kind, rate, lsb of acceleration, rate and field, delay of the gyroscope."""
+        """Kind, rate, lsb of acceleration, rate and field, WHO_AM_I."""
         self.data += struct.pack("<8I", 0xFFFFFFFE, *about, time_us)
 
     def command(

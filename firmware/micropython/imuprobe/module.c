@@ -232,18 +232,26 @@ static mp_obj_t acquire(mp_obj_t object) {
 }
 static MP_DEFINE_CONST_FUN_OBJ_1(acquire_obj, acquire);
 
-// sensor(kind, rate_hz, acc_lsb, gyr_lsb, mag_lsb, gyr_delay_us=0[, time_us]): a sensor
+// sensor(kind, rate_hz, acc_lsb, gyr_lsb, mag_lsb, who_am_i=0[, time_us]): a sensor
 // whose samples come by sample(). What one count is: 1e-9 m/s2, 1e-9 rad/s, 1e-6 uT.
+// Its low-pass delays what it measures as core's driver of that chip has it, which a
+// host knows by the kind and by who_am_i; 0: not known, no delay.
 static mp_obj_t sensor(size_t n_args, const mp_obj_t *args) {
+    const mp_int_t who_am_i = n_args > 6 ? mp_obj_get_int(args[6]) : 0;
+    if (who_am_i < 0 || who_am_i > UINT8_MAX) {
+        mp_raise_ValueError(MP_ERROR_TEXT("who_am_i is a byte"));
+    }
     struct sensor_identity identity = {
         .kind = (uint8_t)mp_obj_get_int(args[1]),
+        .who_am_i = {(uint8_t)who_am_i},
         .rate_hz = small(mp_obj_get_int(args[2])),
         .acc_lsb_nm_s2 = (uint32_t)mp_obj_get_int(args[3]),
         .gyr_lsb_nrad_s = (uint32_t)mp_obj_get_int(args[4]),
         .mag_lsb_pt = (uint32_t)mp_obj_get_int(args[5]),
     };
-    (void)delays_of_kind(&identity);
-    identity.gyr_delay_us = n_args > 6 ? small(mp_obj_get_int(args[6])) : 0;
+    if (who_am_i != 0) {
+        (void)delays_of_kind(&identity);
+    }
     if (identity.rate_hz == 0) {
         mp_raise_ValueError(MP_ERROR_TEXT("rate_hz is 0"));
     }

@@ -60,7 +60,7 @@ class Probe:
         acc_lsb: int,
         gyr_lsb: int,
         mag_lsb: int,
-        gyr_delay_us: int = 0,
+        who_am_i: int = 0,
         time_us: int = ...,
         /,
     ) -> None: ...
