@@ -94,9 +94,9 @@ lock: ## updates requirements.lock to the newest versions that pyproject.toml al
 	@$(PYTHON) tools/setup.py check
 	@python tools/locked.py
 
-firmware: ## image of a board (BOARD=nano, mega, f405, micropython, pico, pico-micropython, pico2-micropython)
+firmware: ## image of a board (BOARD=nano, mega, f405, micropython, pico, pico-micropython, pico2-micropython), or mpy
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
-	@$(if $(filter micropython pico%,$(BOARD)),,pio run --environment $(environment))
+	@$(if $(filter micropython mpy pico%,$(BOARD)),,pio run --environment $(environment))
 	@$(if $(filter pico%,$(BOARD)),echo "build/pico/$(BOARD).uf2: copy it onto the drive that the board shows")
 
 sim: ## builds the virtual boards: build/sim/nano, build/sim/f405

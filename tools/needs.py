@@ -92,6 +92,14 @@ CHROMIUM = Need(
 # Proves that parsers have no undefined behaviour, and takes 860 MB.
 FRAMA_C = Need("frama-c-base", has("frama-c"))
 BROWSING = ("test", "test-long", "bench")  # commands that use it
+RISC_V = ("riscv64-unknown-elf-gcc", "--specs=picolibc.specs")
+MPY = "mpy"  # the module in files for boards with MicroPython: tools/mpy.py
+BOARD_NEEDS[MPY] = (
+    Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),
+    NEWLIB,
+    Need("gcc-riscv64-unknown-elf", has("riscv64-unknown-elf-gcc")),
+    Need("picolibc-riscv64-unknown-elf", compiles("#include <assert.h>", *RISC_V)),
+)
 BOARD_NEEDS["mega"] = BOARD_NEEDS["nano"]
 BOARD_NEEDS["micropython"] = (*BOARD_NEEDS["f405"], NEWLIB)
 PICOS = (
@@ -123,6 +131,11 @@ TEST_NEEDS = (
 )
 # Runs the examples for Octave and MATLAB, and takes 300 MB.
 OCTAVE = Need("octave", has("octave-cli"))
+# Runs those files.
+EMULATED = (
+    Need("qemu-system-arm", has("qemu-system-arm")),
+    Need("qemu-system-misc", has("qemu-system-riscv32")),
+)
 BOOTLOADERS = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 FUZZED = "int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput() { return 0; }"
 WINDOWS = "x86_64-pc-windows-gnu"
@@ -145,7 +158,7 @@ CHECK_NEEDS = (
 )
 # Builds the core for Windows: tools/windows_wheel.py.
 RELEASE_NEEDS = (
-    NEWLIB,  # inside the images of the Pico
+    *BOARD_NEEDS[MPY],  # of which NEWLIB is inside the images of the Pico, too
     Need("gcc-mingw-w64-x86-64-win32", has("x86_64-w64-mingw32-gcc")),
 )
 
@@ -154,7 +167,7 @@ def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
     needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
     needs += TEST_NEEDS if command in ("test", "test-long", "coverage") else ()
     needs += OTHER_ENDS if command == "bench" else ()
-    needs += (OCTAVE,) if command == "test-long" else ()
+    needs += (OCTAVE, *EMULATED) if command == "test-long" else ()
     needs += RELEASE_NEEDS if command == "release" else ()
     needs += CHECK_NEEDS if command == "check" else ()
     return needs

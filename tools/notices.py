@@ -53,6 +53,15 @@ def of_pico(sources: Path) -> Parts:
     )
 
 
+def of_module(tree: Path) -> Parts:
+    """What is inside the module imuprobe. `tree`: that of MicroPython."""
+    where = "files for MicroPython"
+    return (
+        Part("MicroPython", where, tree / "LICENSE"),
+        Part("libgcc", where, DOC / "gcc-riscv64-unknown-elf" / "copyright"),
+    )
+
+
 def of_micropython(sources: Path, tree: Path) -> Parts:
     """What is inside its images for the Pico. `tree`: that of MicroPython."""
     where, lib = "images with MicroPython", tree / "lib"

@@ -74,7 +74,8 @@ def build(name: str, sources: PicoSources) -> None:
     path = BUILD / f"{name}.uf2"
     path.write_bytes(uf2.encoded(image, FLASH_AT, uf2.FAMILIES[family]))
     if name == C_BOARD:
-        described.write_manifest(ROOT, path, C_BOARD, "all", len(image))
+        row = described.row(ROOT, path, C_BOARD, "all", len(image))
+        described.write_manifest(BUILD, row)
         # Behind all of it: objcopy would fill the file up from flash to RAM.
         with elf.open("ab") as file:
             file.write(checkout.noted(checkout.PICO))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Raspberry Pi's SDK, TinyUSB, MicroPython and what its rp2 port needs beside: as
-Debian 13 has them, by version and hash, fetched once into the user's cache."""
+"""MicroPython, and for its rp2 port and our own firmware Raspberry Pi's SDK and what
+that needs: as Debian 13 has them, by version and hash, fetched once into the user's
+cache."""
 
 from __future__ import annotations
 
@@ -9,13 +10,13 @@ import hashlib
 import os
 import shutil
 import tarfile
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import debian
 
 SUITE = "trixie"
-PACKAGES = ("pico-sdk-source", "tinyusb-source")  # of all processors alike
-SOURCES = ("micropython", "mbedtls")
 FILES = {
     "pico-sdk-source_2.1.1-1_all.deb": (
         "507a3ca37636641bc90239d7c04dc9dc28c5008087a8162102ea94d2273153d3"
@@ -30,45 +31,43 @@ FILES = {
         "8fb65fae8dcae5840f793c0a334860a411f884cc537ea290ce1c52bb64ca007a"
     ),
 }
-FOLDER = "pico-2.1.1-1.25.0"
-# Where MicroPython's tree has them as submodules, and what they are here.
-LINKS = {
-    "lib/mbedtls": "mbedtls-3.6.6",
-    "lib/tinyusb": "usr/src/tinyusb",
-    "lib/pico-sdk": "usr/src/pico-sdk",
-}
 
 
-class PicoSources:
-    """The folders of all of it; NotInstalled if it can't be had on this machine."""
+class MicroPythonSources:
+    """The folder of MicroPython; NotInstalled if it can't be had on this machine."""
+
+    name = "micropython-1.25.0"
+    packages: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ("micropython",)
+    links: Mapping[str, str] = MappingProxyType({})
 
     def __init__(self) -> None:
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        self.folder = base / "imu-probe" / FOLDER
+        self.folder = base / "imu-probe" / self.name
+        self.micropython = self.folder / "micropython-1.25.0"
         self.folder.parent.mkdir(parents=True, exist_ok=True)
-        with self.folder.with_name(f"{FOLDER}.lock").open("w") as lock:
+        with self.folder.with_name(f"{self.name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not (self.folder / "whole").exists():
                 shutil.rmtree(self.folder, ignore_errors=True)
                 self.folder.mkdir()
                 self._fetch()
                 (self.folder / "whole").touch()
-        self.sdk = self.folder / "usr" / "src" / "pico-sdk"
-        self.tinyusb = self.folder / "usr" / "src" / "tinyusb"
-        self.micropython = self.folder / "micropython-1.25.0"
 
     def _fetch(self) -> None:
         room = self.folder / "packages"
         room.mkdir()
-        quiet = debian.apt_get(room / "deb", SUITE)
-        debian.output(*quiet, "download", *PACKAGES, cwd=room)
+        if self.packages:
+            quiet = debian.apt_get(room / "deb", SUITE)
+            debian.output(*quiet, "download", *self.packages, cwd=room)
         quiet = debian.apt_get(room / "src", SUITE, "deb-src")
-        debian.output(*quiet, "source", "--download-only", *SOURCES, cwd=room)
+        debian.output(*quiet, "source", "--download-only", *self.sources, cwd=room)
         for name, digest in FILES.items():
-            self._unpack(room / name, digest)
+            if name.startswith((*self.packages, *self.sources)):
+                self._unpack(room / name, digest)
         shutil.rmtree(room)
-        for link, folder in LINKS.items():
-            path = self.folder / "micropython-1.25.0" / link
+        for link, folder in self.links.items():
+            path = self.micropython / link
             path.rmdir()  # an empty one, as Debian leaves it
             path.symlink_to(self.folder / folder)
 
@@ -87,3 +86,22 @@ class PicoSources:
             if hasattr(tarfile, "data_filter"):  # Python 3.11.4
                 archive.extraction_filter = tarfile.data_filter
             archive.extractall(self.folder)  # noqa: S202, its hash was compared
+
+
+class PicoSources(MicroPythonSources):
+    """All of it."""
+
+    name = "pico-2.1.1-1.25.0"
+    packages = ("pico-sdk-source", "tinyusb-source")  # of all processors alike
+    sources = ("micropython", "mbedtls")
+    # Where MicroPython's tree has them as submodules, and what they are here.
+    links: Mapping[str, str] = {
+        "lib/mbedtls": "mbedtls-3.6.6",
+        "lib/tinyusb": "usr/src/tinyusb",
+        "lib/pico-sdk": "usr/src/pico-sdk",
+    }
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sdk = self.folder / "usr" / "src" / "pico-sdk"
+        self.tinyusb = self.folder / "usr" / "src" / "tinyusb"

@@ -26,6 +26,7 @@ from typing import Any
 
 import debian
 import locked
+import mpy
 import notices
 import quietly
 import release_key
@@ -122,13 +123,19 @@ class Release:
             strip = STRIP[row["board"]]
             self._strip(strip, built / "firmware.elf", folder / f"{name}.elf")
         rows.append(self._build_pico(folder))
+        rows += self._build_module(folder)
         text = json.dumps({"images": rows}, indent=2)
         (folder / "manifest.json").write_text(text + "\n")
         if self._sign is not None:
             self._sign(folder / "manifest.json")
         keys = self.source / "host" / "imud" / "flash" / "release_keys.txt"
         release_key.check(folder, keys)
-        parts = (*notices.FIRMWARE, *notices.of_pico(PicoSources().folder))
+        sources = PicoSources()
+        parts = (
+            *notices.FIRMWARE,
+            *notices.of_pico(sources.folder),
+            *notices.of_module(sources.micropython),
+        )
         self._name(package, "imu_probe_firmware", parts)
         self._wheel(package, self.dist)
 
@@ -150,6 +157,22 @@ class Release:
         path = Path(f"{ours}-pico-micropython-NOTICES.txt")
         path.write_text(notices.text(parts, self.source), "utf-8")
         return _row(made)
+
+    def _build_module(self, folder: Path) -> list[dict[str, Any]]:
+        """The module and the package for boards with MicroPython; rows of both."""
+        self.run("module for MicroPython", sys.executable, "tools/mpy.py", *mpy.BOARDS)
+        made = [
+            self.source / mpy.file_of(arch).relative_to(ROOT) for arch in mpy.BOARDS
+        ]
+        package = self.source / "firmware" / "micropython" / "probe"
+        (folder / package.name).mkdir()
+        rows = []
+        for path in [*made, *sorted(package.glob("*.py"))]:
+            is_package = path.parent == package
+            name = f"{package.name}/{path.name}" if is_package else path.name
+            shutil.copy(path, folder / name)
+            rows.append(mpy.row(path, self.source, name, is_package=is_package))
+        return rows
 
     def _strip(self, program: str, image: Path, elf: Path) -> None:
         self.run(elf.name, program, "--strip-debug", "-o", elf, image)

@@ -30,6 +30,7 @@ from needs import (
     BROWSING,
     CHROMIUM,
     FRAMA_C,
+    MPY,
     PICOS,
     PYTHON_NEEDS,
     Need,
@@ -85,10 +86,10 @@ def main(arguments: Sequence[str]) -> None:
     groups = GROUPS[args.command]
     if MICROPYTHON in groups:
         boards = (*boards, MICROPYTHON)
-    elif MICROPYTHON in boards:
+    elif {MICROPYTHON, MPY} & set(boards):
         groups = (*groups, MICROPYTHON)
     if args.command == "test-long":
-        boards = (*boards, "pico", "pico-micropython", "mega")
+        boards = (*boards, "pico", "pico-micropython", "mega", MPY)
     with alone():
         LOG.write_text("")
         needs = system_needs(args.command, boards)
@@ -115,6 +116,7 @@ def main(arguments: Sequence[str]) -> None:
             lambda: build_sim(boards),
             lambda: build_micropython(args.command, boards),
             lambda: build_picos(boards),
+            lambda: build_mpy(args.command, boards),
         )
 
 
@@ -138,6 +140,14 @@ def build_micropython(command: str, boards: Sequence[str]) -> None:
         step(MICROPYTHON, venv("python"), "tools/micropython_build.py", "pyboard")
 
 
+def build_mpy(command: str, boards: Sequence[str]) -> None:
+    words = ("module for MicroPython", venv("python"), "tools/mpy.py")
+    if MPY in boards:
+        step(*words)
+    elif command == "test":
+        step(*words, "--if-possible", "x64")
+
+
 def build_picos(boards: Sequence[str]) -> None:
     for name in filter(PICOS.__contains__, boards):
         step(f"image of {name}", venv("python"), "tools/pico.py", name)
@@ -145,6 +155,8 @@ def build_picos(boards: Sequence[str]) -> None:
 
 def build_sim(boards: Sequence[str]) -> None:
     """Build both boards' emulators, or only the named board's; the Pico's if named."""
+    if boards == (MPY,):
+        return
     targets = ["all"] if len(boards) > 1 else []
     targets += ["pico"] if set(boards) & set(PICOS) else []
     emulator = {MICROPYTHON: "f405", "mega": "nano"}.get(boards[0], boards[0])

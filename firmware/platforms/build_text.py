@@ -44,7 +44,8 @@ def write_manifest(target: Any, source: Any, env: Any) -> str | None:  # noqa: A
     # Intel HEX: records of data.
     data = b"".join(bytes.fromhex(line[9:-2]) for line in records if line[7:9] == "00")
     board = BOARDS[env["BOARD"]]
-    described.write_manifest(root, path, board, chosen, len(data))
+    row = described.row(root, path, board, chosen, len(data))
+    described.write_manifest(path.parent, row)
     is_refused = board == "mega" and MONITOR in data
     return f"an older Mega can't take {MONITOR!r}" if is_refused else None
 

@@ -47,13 +47,15 @@ def build_text(root: Path) -> str:
     return f"{text}+{revision.stdout.strip()}"[: TEXT_MAX - len(mark)] + mark
 
 
-def write_manifest(root: Path, image: Path, board: str, chosen: str, size: int) -> None:
-    """Writes manifest.json next to an image: the fields of host/imud/flash/firmware.py.
+def row(
+    root: Path, image: Path, board: str, chosen: str, size: int
+) -> dict[str, object]:
+    """What a manifest says of an image: the fields of host/imud/flash/firmware.py.
     `chosen`: its filter, or "all"; `size`: bytes of flash.
     """
     schema = (root / "host/imud/wire/schema.py").read_text(encoding="utf-8")
     fingerprint = re.search(r"^FINGERPRINT = 0x(\w+)", schema, re.MULTILINE)
-    row = {
+    return {
         "file": image.name,
         "board": board,
         "filter": chosen,
@@ -62,5 +64,9 @@ def write_manifest(root: Path, image: Path, board: str, chosen: str, size: int) 
         "sha256": hashlib.sha256(image.read_bytes()).hexdigest(),
         "bytes": size,
     }
-    manifest = json.dumps({"images": [row]}, indent=2)
-    image.with_name("manifest.json").write_text(manifest + "\n", encoding="utf-8")
+
+
+def write_manifest(folder: Path, *rows: dict[str, object]) -> None:
+    """Writes manifest.json of the images of a folder."""
+    manifest = json.dumps({"images": rows}, indent=2)
+    (folder / "manifest.json").write_text(manifest + "\n", encoding="utf-8")

@@ -40,6 +40,12 @@ PICO = (
     "firmware/rp2040/CMakeLists.txt",
     *(f"firmware/{room}/**/*.[ch]" for room in ("core", "generic", "rp2040")),
 )
+MPY = (
+    "tools/mpy.py",
+    "tools/pico_sources.py",
+    *(f"firmware/{room}/*.[ch]" for room in ("core/*", "generic", "stm32/libc")),
+    "firmware/micropython/imuprobe/*.[ch]",
+)
 MICROPYTHON = (
     "tools/micropython_build.py",
     "firmware/micropython/port/**/Makefile",

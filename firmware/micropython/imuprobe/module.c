@@ -8,9 +8,8 @@
 #include "generic/identity.h"
 #include "object.h"
 #include "py/mperrno.h"
-#include "py/mphal.h"
-#include "py/runtime.h"
 #include "py/stream.h"
+#include "seam.h"
 
 enum {
     STEP_US = 5000,      // of the button, the periodic messages and the LED
@@ -96,15 +95,15 @@ static mp_obj_t make_new(const mp_obj_type_t *type, size_t n_args, size_t n_kw,
         ARG_ROOM,
         ARG_TIME
     };
-    static const mp_arg_t allowed[] = {
-        {MP_QSTR_storage, MP_ARG_OBJ, {.u_rom_obj = MP_ROM_NONE}},
+    const mp_arg_t allowed[] = {
+        {MP_QSTR_storage, MP_ARG_OBJ, {.u_obj = mp_const_none}},
         {MP_QSTR_id, MP_ARG_REQUIRED | MP_ARG_KW_ONLY | MP_ARG_OBJ, {0}},
         {MP_QSTR_firmware, MP_ARG_REQUIRED | MP_ARG_KW_ONLY | MP_ARG_OBJ, {0}},
         {MP_QSTR_board, MP_ARG_KW_ONLY | MP_ARG_INT, {.u_int = BOARD_MICROPYTHON}},
         {MP_QSTR_reset_cause, MP_ARG_KW_ONLY | MP_ARG_INT, {.u_int = 0}},
         {MP_QSTR_mhz, MP_ARG_KW_ONLY | MP_ARG_INT, {.u_int = 1}},
         {MP_QSTR_room, MP_ARG_KW_ONLY | MP_ARG_INT, {.u_int = 4096}},
-        {MP_QSTR_time_us, MP_ARG_KW_ONLY | MP_ARG_OBJ, {.u_rom_obj = MP_ROM_NONE}},
+        {MP_QSTR_time_us, MP_ARG_KW_ONLY | MP_ARG_OBJ, {.u_obj = mp_const_none}},
     };
     mp_arg_val_t args[MP_ARRAY_SIZE(allowed)];
     mp_arg_parse_all_kw_array(n_args, n_kw, all_args, MP_ARRAY_SIZE(allowed), allowed,
@@ -137,11 +136,11 @@ static mp_obj_t make_new(const mp_obj_type_t *type, size_t n_args, size_t n_kw,
 // None in its place the sensor is asked.
 static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
     enum { ARG_KIND, ARG_I2C, ARG_READY, ARG_RECOVER, ARG_GYR, ARG_XM, ARG_FAST };
-    static const mp_arg_t allowed[] = {
+    const mp_arg_t allowed[] = {
         {MP_QSTR_kind, MP_ARG_REQUIRED | MP_ARG_INT, {0}},
         {MP_QSTR_i2c, MP_ARG_REQUIRED | MP_ARG_OBJ, {0}},
         {MP_QSTR_ready, MP_ARG_REQUIRED | MP_ARG_OBJ, {0}},
-        {MP_QSTR_recover, MP_ARG_OBJ, {.u_rom_obj = MP_ROM_NONE}},
+        {MP_QSTR_recover, MP_ARG_OBJ, {.u_obj = mp_const_none}},
         {MP_QSTR_gyr, MP_ARG_KW_ONLY | MP_ARG_INT, {.u_int = 0}},
         {MP_QSTR_xm, MP_ARG_KW_ONLY | MP_ARG_INT, {.u_int = 0}},
         {MP_QSTR_fast, MP_ARG_KW_ONLY | MP_ARG_BOOL, {.u_bool = false}},
@@ -455,21 +454,54 @@ static mp_obj_t wants_reset(mp_obj_t object) {
 }
 static MP_DEFINE_CONST_FUN_OBJ_1(wants_reset_obj, wants_reset);
 
-static const mp_rom_map_elem_t probe_table[] = {
-    {MP_ROM_QSTR(MP_QSTR_attach), MP_ROM_PTR(&attach_obj)},
-    {MP_ROM_QSTR(MP_QSTR_edge), MP_ROM_PTR(&edge_obj)},
-    {MP_ROM_QSTR(MP_QSTR_acquire), MP_ROM_PTR(&acquire_obj)},
-    {MP_ROM_QSTR(MP_QSTR_sensor), MP_ROM_PTR(&sensor_obj)},
-    {MP_ROM_QSTR(MP_QSTR_sample), MP_ROM_PTR(&sample_obj)},
-    {MP_ROM_QSTR(MP_QSTR_receive), MP_ROM_PTR(&receive_obj)},
-    {MP_ROM_QSTR(MP_QSTR_send), MP_ROM_PTR(&send_obj)},
-    {MP_ROM_QSTR(MP_QSTR_take), MP_ROM_PTR(&take_obj)},
-    {MP_ROM_QSTR(MP_QSTR_step), MP_ROM_PTR(&step_obj)},
-    {MP_ROM_QSTR(MP_QSTR_tell), MP_ROM_PTR(&tell_obj)},
-    {MP_ROM_QSTR(MP_QSTR_supply), MP_ROM_PTR(&supply_obj)},
-    {MP_ROM_QSTR(MP_QSTR_battery), MP_ROM_PTR(&battery_obj)},
-    {MP_ROM_QSTR(MP_QSTR_wants_reset), MP_ROM_PTR(&wants_reset_obj)},
-};
+// clang-format off: it takes a row for a block
+#define METHODS                                                      \
+    {MP_ROM_QSTR(MP_QSTR_attach), MP_ROM_PTR(&attach_obj)},          \
+    {MP_ROM_QSTR(MP_QSTR_edge), MP_ROM_PTR(&edge_obj)},              \
+    {MP_ROM_QSTR(MP_QSTR_acquire), MP_ROM_PTR(&acquire_obj)},        \
+    {MP_ROM_QSTR(MP_QSTR_sensor), MP_ROM_PTR(&sensor_obj)},          \
+    {MP_ROM_QSTR(MP_QSTR_sample), MP_ROM_PTR(&sample_obj)},          \
+    {MP_ROM_QSTR(MP_QSTR_receive), MP_ROM_PTR(&receive_obj)},        \
+    {MP_ROM_QSTR(MP_QSTR_send), MP_ROM_PTR(&send_obj)},              \
+    {MP_ROM_QSTR(MP_QSTR_take), MP_ROM_PTR(&take_obj)},              \
+    {MP_ROM_QSTR(MP_QSTR_step), MP_ROM_PTR(&step_obj)},              \
+    {MP_ROM_QSTR(MP_QSTR_tell), MP_ROM_PTR(&tell_obj)},              \
+    {MP_ROM_QSTR(MP_QSTR_supply), MP_ROM_PTR(&supply_obj)},          \
+    {MP_ROM_QSTR(MP_QSTR_battery), MP_ROM_PTR(&battery_obj)},        \
+    {MP_ROM_QSTR(MP_QSTR_wants_reset), MP_ROM_PTR(&wants_reset_obj)}
+// clang-format on
+
+#if defined(IMUPROBE_MPY)
+
+// A .mpy can't have static variables (mpy_ld.py).
+mp_obj_full_type_t probe_type;
+mp_map_elem_t probe_table[13];
+static MP_DEFINE_CONST_DICT(probe_dict, probe_table);
+
+mp_obj_t mpy_init(mp_obj_fun_bc_t *self, size_t n_args, size_t n_kw, mp_obj_t *args) {
+    (void)n_args;
+    (void)n_kw;
+    (void)args;
+    MP_DYNRUNTIME_INIT_ENTRY
+    native_begin();
+    const mp_rom_map_elem_t methods[] = {METHODS};
+    _Static_assert(sizeof methods == sizeof probe_table, "a row for each method");
+    memcpy(probe_table, methods, sizeof methods);
+    probe_type.base.type = &mp_type_type;
+    probe_type.flags = MP_TYPE_FLAG_NONE;
+    probe_type.name = MP_QSTR_Probe;
+    MP_OBJ_TYPE_SET_SLOT(&probe_type, make_new, make_new, 0);
+    MP_OBJ_TYPE_SET_SLOT(&probe_type, locals_dict, (void *)&probe_dict, 1);
+    mp_store_global(MP_QSTR_Probe, MP_OBJ_FROM_PTR(&probe_type));
+    mp_store_global(MP_QSTR_LSM6DSOX, MP_OBJ_NEW_SMALL_INT(SENSOR_LSM6DSOX));
+    mp_store_global(MP_QSTR_LSM9DS0, MP_OBJ_NEW_SMALL_INT(SENSOR_LSM9DS0));
+    mp_store_global(MP_QSTR_MPU9250, MP_OBJ_NEW_SMALL_INT(SENSOR_MPU9250));
+    MP_DYNRUNTIME_INIT_EXIT
+}
+
+#else
+
+static const mp_rom_map_elem_t probe_table[] = {METHODS};
 static MP_DEFINE_CONST_DICT(probe_dict, probe_table);
 
 static MP_DEFINE_CONST_OBJ_TYPE(probe_type, MP_QSTR_Probe, MP_TYPE_FLAG_NONE, make_new,
@@ -489,3 +521,5 @@ const mp_obj_module_t imuprobe_module = {
     .globals = (mp_obj_dict_t *)&module_dict,
 };
 MP_REGISTER_MODULE(MP_QSTR_imuprobe, imuprobe_module);
+
+#endif

@@ -2,13 +2,11 @@
 // The board functions of core/, provided by MicroPython objects; see object.h.
 #include <string.h>
 
+#include "generic/ring.h"
 #include "object.h"
 #include "py/binary.h"
 #include "py/mperrno.h"
-#include "py/mphal.h"
-#include "py/runtime.h"
-
-#include "generic/ring.h"
+#include "seam.h"
 
 struct imuprobe *imuprobe_current;
 
