@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from imud.journal.faults import fault_words
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 from micropython_frames import PACKAGE, PROGRAMS, assert_frames_are_those_of_c
@@ -60,18 +61,38 @@ def test_a_power_cut_at_any_write_leaves_whole_settings(
     assert int(done.stdout) == writes
 
 
-def test_ctrl_c_has_no_meaning_while_it_runs_and_gets_it_back(stock: Path) -> None:
+def ended(stock: Path, *places: Path) -> tuple[str, list[Message]]:
+    """What ends.py did, and the events that were sent."""
+    path = ":".join(map(str, (*places, PROGRAMS / "fake", PACKAGE.parent)))
     done = subprocess.run(
         [stock, PROGRAMS / "ends.py"],
-        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
+        env=os.environ | {"MICROPYPATH": path},
         capture_output=True,
         text=True,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    begun = ["pin on", -1, "log open"]
-    ended = ["interrupted", "log closed", 3, "pin off", "raised"]
-    assert done.stdout.strip() == str(begun + ended)
+    did, frames = done.stdout.splitlines()
+    sent = map(decode, FrameDecoder().feed(bytes.fromhex(frames)))
+    return did, [m for m in sent if isinstance(m, Message) and m.name == "event"]
+
+
+def test_ctrl_c_has_no_meaning_from_the_import_on_and_gets_it_back(stock: Path) -> None:
+    did, events = ended(stock)
+    begun = [-1, -1, "facts", "pin on", "log open"]
+    after = ["interrupted", "log closed", 3, "pin off", "raised"]
+    assert did == str(begun + after)
+    assert not events
+
+
+def test_a_module_of_another_processor_is_told_and_raw_samples_are_sent(
+    stock: Path, tmp_path: Path
+) -> None:
+    # Of version 6.3, for an Xtensa with windows.
+    (tmp_path / "imuprobe.mpy").write_bytes(bytes((*b"M", 6, 10 << 2 | 3, 31, 0)))
+    _, (event,) = ended(stock, tmp_path)
+    assert (event.fields["event"], event.fields["cause"]) == ("hook_failed", "rejected")
+    assert "another processor" in fault_words("hook_failed", "rejected", 0)
 
 
 def test_a_sensor_of_the_module_alone_is_refused_without_it(stock: Path) -> None:

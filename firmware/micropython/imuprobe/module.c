@@ -454,7 +454,7 @@ static mp_obj_t wants_reset(mp_obj_t object) {
 }
 static MP_DEFINE_CONST_FUN_OBJ_1(wants_reset_obj, wants_reset);
 
-// clang-format off: it takes a row for a block
+// clang-format off
 #define METHODS                                                      \
     {MP_ROM_QSTR(MP_QSTR_attach), MP_ROM_PTR(&attach_obj)},          \
     {MP_ROM_QSTR(MP_QSTR_edge), MP_ROM_PTR(&edge_obj)},              \

@@ -37,10 +37,13 @@ def reset_cause():
 
 def facts():
     """The arguments of Probe() that describe the board."""
+    hz = machine.freq()
+    if isinstance(hz, tuple):  # stm32: of the processor first, then of its buses
+        hz = hz[0]
     return {
         "id": machine.unique_id(),
         "firmware": firmware(),
         "board": _MICROPYTHON,
         "reset_cause": reset_cause(),
-        "mhz": machine.freq() // 1_000_000,
+        "mhz": hz // 1_000_000,
     }

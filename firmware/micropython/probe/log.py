@@ -38,7 +38,7 @@ class FileLog:
             name = "{}/imu-{:04}.bin".format(self._folder, self._number)
             self._file = open(name, "wb")  # noqa: SIM115 - until close()
         except OSError as error:
-            self._fail(error.args[0])
+            self._fail(error.errno)
             return
         probe.tell(_LOG_STARTED, _CAUSE_BOOT, self._number)
 
@@ -52,7 +52,7 @@ class FileLog:
         try:
             written = self._file.write(data, at, length)
         except OSError as error:
-            self._fail(error.args[0])
+            self._fail(error.errno)
             return
         if written != length:
             self._fail(_ENOSPC)
@@ -63,7 +63,7 @@ class FileLog:
             try:
                 self._file.flush()
             except OSError as error:
-                self._fail(error.args[0])
+                self._fail(error.errno)
         if self._error:
             event = _CARD_FULL if self._error == _ENOSPC else _CARD_FAULT
             self._error = 0

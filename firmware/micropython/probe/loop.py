@@ -11,16 +11,23 @@ from micropython import const, kbd_intr
 from .board import facts
 from .relay import Tee
 
+_Module = None
+_unfit = False
 try:
     import imuprobe
-except ImportError:  # a MicroPython without the module
-    imuprobe = None
+
+    _Module = imuprobe.Probe
+except (ImportError, AttributeError):  # a MicroPython without the module
+    pass
+except Exception:  # noqa: BLE001 - imuprobe.mpy of another processor, or no room
+    _unfit = True
 
 _WATCHDOG_MS = const(5000)
 _HOOKS_MS = const(1000)
 _DRAIN_MS = const(200)  # for the last frames before a reset
 _CTRL_C = const(3)
 _HOOK_FAILED = const(28)  # enum event of the protocol
+_REJECTED = const(15)  # enum cause
 
 
 def run(
@@ -51,12 +58,13 @@ def run(
     event hook_failed, and the probe continues. `filter`: of madgwick.py, for poses
     without the C module, which has its own.
     """
-    probe = _attached(sensor, ready, storage, plain, filter)
-    if ready is not None:
-        _listen(ready, probe.edge)
-    # Frames hold any byte, Ctrl-C too.
-    kbd_intr(-1)
+    kbd_intr(-1)  # a second call of run() has it back
     try:
+        probe = _attached(sensor, ready, storage, plain, filter)
+        if _unfit:
+            probe.tell(_HOOK_FAILED, _REJECTED, 0)
+        if ready is not None:
+            _listen(ready, probe.edge)
         hooks = Hooks(supply, battery, log, hook)
         _turn_for_ever(probe, wire, button, led, log, hooks, watchdog)
     finally:
@@ -68,8 +76,8 @@ def run(
 
 
 def _attached(sensor, ready, storage, plain, filter):
-    if imuprobe is not None and not plain:
-        probe = imuprobe.Probe(storage, **facts())
+    if _Module is not None and not plain:
+        probe = _Module(storage, **facts())
         sensor.attach(probe, ready)
         return probe
     if ready is None:

@@ -116,6 +116,10 @@ _WORDS = {
         "main.py raised an exception in supply, battery or hook, {} times since its "
         "start: see docs/micropython.md"
     ),
+    ("hook_failed", "rejected"): (
+        "imuprobe.mpy is of another processor or MicroPython, or has no room: raw "
+        "samples are sent. Copy the file for this board: see docs/micropython.md"
+    ),
     ("data_ready_polled", "no_data_ready"): (
         "the sensor is polled, because its data-ready signal does not come: for exact "
         "times check {ready}"
