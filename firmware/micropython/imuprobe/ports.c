@@ -2,11 +2,12 @@
 // The board functions of core/, provided by MicroPython objects; see object.h.
 #include <string.h>
 
-#include "generic/ring.h"
 #include "object.h"
 #include "py/binary.h"
 #include "py/mperrno.h"
 #include "seam.h"
+
+#include "generic/ring.h"
 
 struct imuprobe *imuprobe_current;
 
