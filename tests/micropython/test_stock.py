@@ -107,3 +107,27 @@ def test_a_sensor_of_the_module_alone_is_refused_without_it(stock: Path) -> None
     assert done.returncode == 1
     refused = "ValueError: an LSM6DSOX needs the C module: docs/micropython.md"
     assert (done.stdout + done.stderr).strip().endswith(refused)
+
+
+def test_a_sensor_is_found_by_its_name(stock: Path) -> None:
+    program = """
+from probe.sensors import detected
+class I2C:
+    def __init__(self, *names):
+        self.names = {(device, at): bytes((value,)) for device, at, value in names}
+    def readfrom_mem(self, device, at, _):
+        if (device, at) not in self.names:
+            raise OSError(5)
+        return self.names[device, at]
+clock = (0x68, 0x75, 0x12)
+for names in [(0x68, 0x75, 0x71)], [clock, (0x6A, 0x0F, 0x6C)], [(0x6B, 0x0F, 0xD4)]:
+    print(type(detected(I2C(*names))).__name__)
+"""
+    done = subprocess.run(
+        [stock, "-c", program],
+        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["MPU9250", "LSM6DSOX", "LSM9DS0"], done

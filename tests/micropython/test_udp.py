@@ -9,13 +9,14 @@ import re
 import socket
 import subprocess
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
 from fakes import PATIENCE_S, DaemonProcess
 from imud.client import Client
+from imud.errors import ConfigError
 from imud.net import probe_keys
 from imud.ports.datagram import HELLO, DatagramFault, Peer, sign
 from imud.wire.frame import FrameDecoder, encode_frame
@@ -38,10 +39,12 @@ ID = folded(NAME.encode())
 
 
 @contextmanager
-def probe(stock: Path, keys: Path, port: int, kind: str = "plain") -> Iterator[None]:
+def probe(
+    stock: Path, keys: Path, port: int, kind: str = "plain", host: str = "127.0.0.1"
+) -> Iterator[None]:
     """The probe of udp_probe.py in MicroPython."""
     key = keys / "probes" / f"{ID.hex()}.key"
-    words = [str(stock), str(PROGRAMS / "udp_probe.py"), str(key), str(port)]
+    words = [str(stock), str(PROGRAMS / "udp_probe.py"), str(key), host, str(port)]
     path = f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"
     process = subprocess.Popen(
         [*words, NAME, kind],
@@ -89,7 +92,8 @@ class End:
     """A daemon's end that a test commands."""
 
     def __init__(self, keys: Path) -> None:
-        probe_keys.make(keys, ID.hex())
+        with suppress(ConfigError):  # of another end
+            probe_keys.make(keys, ID.hex())
         self.peer = Peer(ID, probe_keys.read(keys)[ID])
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
@@ -117,9 +121,12 @@ class End:
         """Waits for a hello and answers it."""
         while (datagram := self.receive())[0] != HELLO:
             pass
-        answer = self.peer.welcome(datagram, self.address)
+        self.answer(datagram, self.address)
+
+    def answer(self, hello: bytes, address: tuple[str, int]) -> None:
+        answer = self.peer.welcome(hello, address)
         assert isinstance(answer, bytes)
-        self.socket.sendto(answer, self.address)
+        self.socket.sendto(answer, address)
 
     def command(self, name: str) -> bytes:
         """A signed datagram with a command, not sent."""
@@ -171,3 +178,24 @@ def test_it_greets_again_where_its_daemon_is_silent(
     # What was sent meanwhile waited, as far as there was room.
     numbers = [message.sequence for message in end.messages]
     assert numbers == sorted(set(numbers))
+
+
+def test_a_host_with_a_new_address_is_found_and_one_of_two_daemons_serves(
+    stock: Path, tmp_path: Path
+) -> None:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as network,
+        closing(End(tmp_path)) as one,
+        closing(End(tmp_path)) as two,
+    ):
+        network.bind(("127.255.255.255", 0))  # hears what is sent to everybody
+        network.settimeout(PATIENCE_S)
+        port = network.getsockname()[1]
+        with probe(stock, tmp_path, port, host="127.0.0.2"):  # nobody is there now
+            hello, address = network.recvfrom(2000)
+            for end in (one, two):
+                end.answer(hello, address)
+            one.until("hello", 1)
+            two.socket.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                two.socket.recv(2000)

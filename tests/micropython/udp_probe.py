@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Runs in MicroPython: the plain probe at a daemon's UDP port, with samples of its own.
 
-    micropython udp_probe.py KEY PORT NAME plain|module
+    micropython udp_probe.py KEY HOST PORT NAME plain|module
 
 It ends when its standard input does.
 """
@@ -11,9 +11,8 @@ import sys
 from time import sleep_ms, ticks_add, ticks_diff, ticks_us
 
 import machine
-from probe import wire
+from probe import udp, wire
 from probe.plain import Probe
-from probe.udp import UDP
 
 RATE_HZ = 100
 
@@ -74,14 +73,15 @@ class AsModule:
         return length
 
 
-def main(key, port, name, kind):
+def main(key, host, port, name, kind):
     machine.unique_id = name.encode
-    udp = UDP("127.0.0.1", int(port), key)
+    udp.EVERYBODY = "127.255.255.255"
+    link = udp.UDP(host, int(port), key)
     probe = Probe(None, id=machine.unique_id(), firmware="udp")
     probe.attach(Driver(), None, Ready())
     if kind == "module":
         probe = AsModule(probe)
-    receive, send = udp.receiver(probe), udp.sender(probe)
+    receive, send = link.receiver(probe), link.sender(probe)
     ended = select.poll()
     ended.register(sys.stdin, select.POLLIN)
     due = ticks_us()
@@ -91,9 +91,9 @@ def main(key, port, name, kind):
             due = ticks_add(due, 1_000_000 // RATE_HZ)
             probe.edge(None)
         probe.acquire()
-        receive(udp)
+        receive(link)
         probe.step(False)
-        send(udp)
+        send(link)
         sleep_ms(1)
 
 

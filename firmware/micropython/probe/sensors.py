@@ -69,3 +69,23 @@ class LSM9DS0(Sensor):
         from .driver_lsm9ds0 import Driver
 
         probe.attach(Driver(self.gyr, self.xm), self.i2c, ready, self.recover)
+
+
+def detected(bus):
+    """The sensor on a bus, by its name: something else may be at 0x68."""
+    i2c = getattr(bus, "i2c", bus)
+    if not 0x70 <= _name(i2c, 0x68, 0x75) <= 0x74:
+        for address in (0x6A, 0x6B):
+            who = _name(i2c, address, 0x0F)
+            if who == 0xD4:  # its gyroscope's
+                return LSM9DS0(bus, gyr=address)
+            if who:  # or it says who answers there
+                return LSM6DSOX(bus)
+    return MPU9250(bus)  # or waits for it
+
+
+def _name(i2c, address, who_am_i):
+    try:
+        return i2c.readfrom_mem(address, who_am_i, 1)[0]
+    except OSError:
+        return 0

@@ -29,7 +29,12 @@ _COUNTER_MAX = const(0x3FFFFFFF)  # a small integer; then another session begins
 _POLL_MS = const(2)
 _HOLD_MS = const(10)  # frames wait for others, as a datagram costs more than a frame
 _GREET_MS = const(1000)  # between two hellos
+_KNOWN = const(5)  # hellos to an address before the network is asked for another
 _GONE_MS = const(3500)  # the daemon sends something every second
+
+# All hosts of the network. A look-up of the host's name would take up to 7 s in lwIP,
+# in which nothing else runs; the watchdog waits for 5.
+EVERYBODY = "255.255.255.255"
 
 
 class Signer:
@@ -58,13 +63,15 @@ class Signer:
 
 
 class UDP(Relay):
-    """To `imud` at `host`; `key`: the file that `imud keys probe` made. The board must
-    have joined its network, or join it later.
+    """To `imud` at `host`, or wherever in the network it answers, should its address
+    change; `key`: the file that `imud keys probe` made. The board must have joined its
+    network, or join it later.
     """
 
     def __init__(self, host, port=8736, key="probe.key"):
         super().__init__()
-        self._where = host, port
+        self._names = (host, port), (EVERYBODY, port)
+        self._unheard = 0  # hellos since the last welcome
         self._id = id_of(machine.unique_id())
         with open(key) as file:
             self._key = _unhex(file.read().strip())
@@ -81,6 +88,11 @@ class UDP(Relay):
         self._fill = _HEAD
         self._payload = b""
         self._at = 0
+
+    def is_open(self):
+        """Whether the daemon has answered, and is there."""
+        self._poll()
+        return self._signer is not None
 
     # What probes ask of a wire
 
@@ -139,7 +151,7 @@ class UDP(Relay):
             return
         try:
             for _ in self._waiting.ipoll(0):
-                self._take(self._socket.recv(_DATAGRAM_MAX), now)
+                self._take(*self._socket.recvfrom(_DATAGRAM_MAX), now)
         except OSError:  # of a datagram before: nobody listens there
             pass
 
@@ -147,28 +159,32 @@ class UDP(Relay):
         self._greeted = now
         self._nonce = os.urandom(_NONCE)
         content = struct.pack(_GREETING, _HELLO, self._id, self._nonce, bytes(_NONCE))
+        hello = content + self._greeter.digest(content)[:_SIGNATURE]
+        self._unheard += 1
         try:
             if self._socket is None:
                 self._open()
-            self._socket.send(content + self._greeter.digest(content)[:_SIGNATURE])
+            is_lost = self._unheard > _KNOWN and self._unheard % 2 == 0
+            self._socket.sendto(hello, self._everybody if is_lost else self._host)
         except OSError:  # there is no network yet
             pass
 
     def _open(self):
-        where = socket.getaddrinfo(*self._where)[0][-1]
+        found = [socket.getaddrinfo(*name)[0][-1] for name in self._names]
+        self._host, self._everybody = found
         opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        opened.connect(where)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         opened.setblocking(False)
         self._waiting = select.poll()
         self._waiting.register(opened, select.POLLIN)
         self._socket = opened
 
-    def _take(self, datagram, now):
+    def _take(self, datagram, address, now):
         """Take a datagram; one not signed for this session is ignored."""
         if len(datagram) < _HEAD + _SIGNATURE or datagram[1:9] != self._id:
             return
         if datagram[0] == _WELCOME:
-            self._agree(datagram, now)
+            self._agree(datagram, address, now)
         elif self._signer is not None and datagram[0] == _TO_PROBE:
             (counter,) = struct.unpack_from("<I", datagram, 9)
             if counter > self._taken and self._signer.is_right(datagram):
@@ -177,13 +193,15 @@ class UDP(Relay):
                 self._payload = datagram[_HEAD:-_SIGNATURE]
                 self._at = 0
 
-    def _agree(self, datagram, now):
+    def _agree(self, datagram, address, now):
         is_whole = len(datagram) == _GREETING_SIZE + _SIGNATURE
         if not is_whole or not self._greeter.is_right(datagram):
             return
         if not self._nonce or datagram[9:25] != self._nonce:
             return
         self._nonce = b""  # one session for a hello
+        self._host = address
+        self._unheard = 0
         self._signer = Signer(self._greeter.digest(b"imud" + datagram[1:41]))
         self._counter = 0
         self._taken = -1
@@ -202,7 +220,7 @@ class UDP(Relay):
         signature = self._signer.digest(self._view[:end])[:_SIGNATURE]
         self._packet[end : end + _SIGNATURE] = signature
         try:
-            self._socket.send(self._view[: end + _SIGNATURE])
+            self._socket.sendto(self._view[: end + _SIGNATURE], self._host)
             self._counter += 1
             self._fill = _HEAD + len(rest)
             self._packet[_HEAD : self._fill] = rest
