@@ -84,14 +84,17 @@ def _latency_timer(name: str) -> int | None:
 
 
 class OwnDaemon:
-    """`imud run` on one port, without log and page, as long as it is open."""
+    """`imud run` on one port, or with the ports of a file, without log and page, as
+    long as it is open.
+    """
 
-    def __init__(self, port: str) -> None:
-        if not Path(port).exists():
+    def __init__(self, port: str, config: Path | None = None) -> None:
+        if config is None and not Path(port).exists():
             raise PortNotFound(
                 f"{port} does not exist; plug the board in, and see ls /dev/tty*"
             )
         self.port = port
+        self._ports = [port] if config is None else ["--config", str(config)]
         self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._warned: tuple[float, str] | None = None
@@ -104,7 +107,7 @@ class OwnDaemon:
         # Ctrl-C is for it alone: the daemon has to leave the probe as it was.
         for number in self._signals:
             self._signals[number] = signal.signal(number, signal.default_int_handler)
-        words = ["run", self.port, "--no-log", "--no-page", "--log-level", "warning"]
+        words = ["run", *self._ports, "--no-log", "--no-page", "--log-level", "warning"]
         # It must not outlive this process, if that is killed.
         words.append("--until-eof")
         self._process = subprocess.Popen(

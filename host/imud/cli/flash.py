@@ -13,7 +13,7 @@ from imud.commands import FILTERS
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
 
-BOARDS = ("nano", "f405", "pico", "mega")
+BOARDS = ("nano", "f405", "pico", "mega", "micropython")
 
 
 def add(commands: Commands) -> None:
@@ -66,13 +66,43 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="also write an image that is older, the same, or has another schema",
     )
+    _add_wifi(flash)
     # Its page has begun it, and answers on stdin: cli/flash_client.py.
     flash.add_argument("--for-page", action="store_true", help=argparse.SUPPRESS)
     add_network(flash)
     flash.set_defaults(run=_flash)
 
 
+def _add_wifi(flash: argparse.ArgumentParser) -> None:
+    wifi = flash.add_mutually_exclusive_group()
+    wifi.add_argument(
+        "--wifi",
+        metavar="NAME",
+        help="a board with MicroPython: also join it to this network, whose password "
+        "is asked, and open the UDP port of imud run",
+    )
+    wifi.add_argument(
+        "--forget-wifi",
+        action="store_true",
+        help="a board with MicroPython: delete network, password and key on it",
+    )
+    flash.add_argument(
+        "--yes", action="store_true", help="with --wifi: open that port without asking"
+    )
+    flash.add_argument(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        default=Path("imud.toml"),
+        help="with --wifi: settings of imud run (default: %(default)s)",
+    )
+
+
 def _flash(args: argparse.Namespace) -> int:
+    if args.board == "micropython" or args.wifi or args.forget_wifi:
+        from imud.cli import flash_micropython
+
+        return flash_micropython.run(args)
     from imud.cli import flash_run
 
     return flash_run.run(args)

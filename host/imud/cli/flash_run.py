@@ -83,19 +83,19 @@ def _flash_unknown(args: argparse.Namespace) -> int:
     is_usb = write is _by_dfu or (write is _by_drive and args.port is None)
     port = USB if is_usb else args.port or only_port(COMMAND)
     image = _chosen(args, args.board, {})
-    _say(f"{port}: {BOARDS[args.board]}, as given; no firmware of ours answers")
+    say(f"{port}: {BOARDS[args.board]}, as given; no firmware of ours answers")
     _say_image(image)
     if args.dry_run:
-        _say("nothing was written")
+        say("nothing was written")
         return 0
     _write(write, args.board, port, image, None)
     if write in BY_HAND or port == USB:
-        _say("see imud list once it is wired for use")
+        say("see imud list once it is wired for use")
         return 0
     with contextlib.ExitStack() as stack:
         found = reached.probe(args, port, COMMAND, stack)
         hello = found.status["hello"]
-        _say(f"{found.status['probe']} runs {hello['firmware']}")
+        say(f"{found.status['probe']} runs {hello['firmware']}")
         flash_params.restore(found.client, found.status)
     return 0
 
@@ -112,22 +112,22 @@ def _flash_probe(
         )
     write = _writer(args, kind)
     image = _chosen(args, kind, hello)
-    _say(f"{title}: {BOARDS[kind]}, firmware {hello['firmware']}")
+    say(f"{title}: {BOARDS[kind]}, firmware {hello['firmware']}")
     _say_image(image)
     _check_step(hello, image, is_forced=args.force)
     if args.dry_run:
-        _say("nothing was written")
+        say("nothing was written")
         return 0
     flash_params.keep(client, status, is_forced=args.force)
-    with _lent(client, name) as port:
+    with lent(client, name) as port:
         _write(write, kind, port, image, client)
     if write in BY_HAND:
-        _say("wire it for use (docs/f405.md), disconnect BOOT0, and press RST")
+        say("wire it for use (docs/f405.md), disconnect BOOT0, and press RST")
     now = _back(client, name, image)
-    _say(f"firmware {hello['firmware']} -> {now['hello']['firmware']}")
+    say(f"firmware {hello['firmware']} -> {now['hello']['firmware']}")
     had, has = hello.get("filter"), now["hello"]["filter"]
     if had not in (None, has):
-        _say(f"filter {had} -> {has}")
+        say(f"filter {had} -> {has}")
     flash_params.restore(client, now)
     return 0
 
@@ -165,11 +165,11 @@ def _say_image(image: Image) -> None:
     if about is not None:
         with_filter = "" if about.filter == ALL_FILTERS else f", filter {about.filter}"
         what = f"{about.version}{with_filter}, {what}"
-    _say(f"to write: {what}: {image.path}")
+    say(f"to write: {what}: {image.path}")
     is_signed = firmware.is_signed(image.path.parent)
     if is_signed is not None:
         by = "the release's key" if is_signed else "nobody"
-        _say(f"its manifest is signed by {by}")
+        say(f"its manifest is signed by {by}")
 
 
 def _check_step(hello: dict[str, Any], image: Image, *, is_forced: bool) -> None:
@@ -201,7 +201,7 @@ def _release(version: str) -> tuple[int, ...]:
 
 
 @contextlib.contextmanager
-def _lent(client: FlashClient, name: str) -> Iterator[str]:
+def lent(client: FlashClient, name: str) -> Iterator[str]:
     """The port of a probe, which its daemon has closed meanwhile."""
     port = str(client.command(name, "lend", seconds=str(LENT_MAX_S))["value"])
     try:
@@ -242,7 +242,7 @@ def _write(
                 hint = f" ({holders} has it open)" if holders else ""
                 raise FlashError(f"{error}{hint}; nothing was written") from error
             if tries_left > 0 and Path(port).exists():
-                _say(f"{error}; retrying")
+                say(f"{error}; retrying")
                 continue
             raise FlashError(
                 f"{half}: the board has no working firmware, but its bootloader is "
@@ -250,11 +250,11 @@ def _write(
             ) from error
         except KeyboardInterrupt:
             bar.end()  # what is said comes below it
-            _say(f"stopped: the board may have no working firmware; run: {again}")
+            say(f"stopped: the board may have no working firmware; run: {again}")
             raise
         finally:
             bar.end()
-        _say(f"{what} in {time.monotonic() - began_s:.0f} s")
+        say(f"{what} in {time.monotonic() - began_s:.0f} s")
         return
 
 
@@ -288,10 +288,7 @@ def _writer(args: argparse.Namespace, kind: str) -> Write:
         return _by_drive
     if kind in ("nano", "mega", "pico"):
         raise FlashError("--by is for an F405; this board has one way: leave it out")
-    raise FlashError(
-        f"this is {BOARDS.get(kind, kind)}, which imud does not flash: see "
-        "docs/micropython.md"
-    )
+    raise FlashError(f"this is {BOARDS.get(kind, kind)}: pass --board micropython")
 
 
 def _by_nano(port: str, image: Image, on_progress: OnProgress) -> str:
@@ -303,7 +300,7 @@ def _by_mega(port: str, image: Image, on_progress: OnProgress) -> str:
 
 
 def _by_rom(port: str, image: Image, on_progress: OnProgress) -> str:
-    _say(
+    say(
         f"{port}: put the cable on Y9 and Y10, connect DFU to 3V3, press RST; waiting "
         f"{f405.SYNC_S:g} s for the bootloader"
     )
@@ -312,7 +309,7 @@ def _by_rom(port: str, image: Image, on_progress: OnProgress) -> str:
 
 
 def _by_dfu(_: str, image: Image, on_progress: OnProgress) -> str:
-    _say(
+    say(
         "connect the USB cable, and DFU to 3V3, and press RST; waiting "
         f"{f405.SYNC_S:g} s for the bootloader"
     )
@@ -323,7 +320,7 @@ def _by_dfu(_: str, image: Image, on_progress: OnProgress) -> str:
 
 def _by_drive(port: str, image: Image, on_progress: OnProgress) -> str:
     if port == USB:
-        _say(
+        say(
             f"hold BOOTSEL and plug the board in; waiting {pico.DRIVE_S:g} s for its "
             f"drive {pico.LABEL}"
         )
@@ -335,6 +332,6 @@ def _by_drive(port: str, image: Image, on_progress: OnProgress) -> str:
 BY_HAND = (_by_rom, _by_dfu)  # the board was wired for it
 
 
-def _say(text: str) -> None:
+def say(text: str) -> None:
     sys.stdout.write(f"{text}\n")
     sys.stdout.flush()

@@ -63,7 +63,7 @@ def probe(
             status = _status(client, wanted, command, also_gone=also_gone)
             return Reached(client, status, f"{status['probe']} (by imud run)")
         for status in client.statuses():
-            if _is_on(status, str(wanted)):
+            if is_on(status, str(wanted)):
                 return Reached(client, status, f"{status['probe']} (by imud run)")
     port = wanted if wanted is not None else check_ports.only_port(command)
     daemon = stack.enter_context(check_ports.OwnDaemon(port))
@@ -71,7 +71,8 @@ def probe(
     return Reached(client, _status(client, None, command, daemon), port)
 
 
-def _is_on(status: Mapping[str, Any], port: str) -> bool:
+def is_on(status: Mapping[str, Any], port: str) -> bool:
+    """Whether a probe is on that port."""
     return status["port"] is not None and same_port(status["port"], port)
 
 

@@ -127,9 +127,7 @@ def read(path: Path) -> Image:
     """An image of a file in Intel HEX or UF2, checked against the manifest beside it,
     if there is one. FlashError with what is wrong.
     """
-    about = next(
-        (each for each in _listed(path.parent) if each.file == path.name), None
-    )
+    about = next((each for each in listed(path.parent) if each.file == path.name), None)
     try:
         if path.stat().st_size > SIZE_MAX:
             raise FlashError(f"{path} is too long for an image")
@@ -185,7 +183,7 @@ def ready_made(board: str, wanted: str) -> Path:
             "no firmware is installed: pip install imu-probe-firmware, or name a file: "
             "--image FILE"
         )
-    fitting = [each for each in _listed(folder) if each.board == board]
+    fitting = [each for each in listed(folder) if each.board == board]
     for each in fitting:
         if each.filter in (wanted, ALL_FILTERS):
             return folder / each.file
@@ -198,18 +196,18 @@ def ready_made(board: str, wanted: str) -> Path:
 
 
 def offered() -> tuple[Firmware, ...]:
-    """All images: of the package with firmware, or those that this
-    checkout has built. FlashError if they were modified.
+    """All images: of the package with firmware, or those that this checkout has built.
+    FlashError if they were modified. Files for MicroPython's prompt are none.
     """
     if checkout.is_checkout():
         built = sorted((checkout.ROOT / ".pio" / "build").glob(f"*/{MANIFEST}"))
         built += [checkout.ROOT / "build" / "pico" / MANIFEST]
-        return tuple(each for path in built for each in _listed(path.parent))
+        return tuple(each for path in built for each in listed(path.parent))
     folder = packaged.folder_of(packaged.FIRMWARE)
     if folder is None:
         return ()
     is_signed(folder)
-    return _listed(folder)
+    return tuple(row for row in listed(folder) if row.board != "micropython")
 
 
 def _built(board: str, wanted: str) -> Path:
@@ -229,7 +227,7 @@ def _built(board: str, wanted: str) -> Path:
     return path
 
 
-def _listed(folder: Path) -> tuple[Firmware, ...]:
+def listed(folder: Path) -> tuple[Firmware, ...]:
     """The rows of the manifest in a folder; none without one."""
     path = folder / MANIFEST
     try:
