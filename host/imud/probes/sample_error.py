@@ -30,7 +30,7 @@ class SampleError:
         self.params = params
         known = parts_of(params or b"")
         self._scale = _number(known.get("gyr", {}).get("sigma"), SCALE_SIGMA)
-        self._chip = _chip_of(hello)
+        self._chip, rate_hz = _of_hello(hello)
         self._zero_rad2_s2 = 0.0
         self.force_m2_s4: float | None = None
         self.field_ut2: float | None = None
@@ -39,10 +39,14 @@ class SampleError:
             return
         # An uncalibrated zero lies anywhere within its limits.
         zero_dps = ZERO_SIGMA_DPS if "gyr" in known else chip.gyr_offset_dps / 3**0.5
-        noise_dps = chip.gyr_noise_dps
-        self._zero_rad2_s2 = math.radians(math.hypot(zero_dps, noise_dps)) ** 2
+        # What calibration has measured, as white noise up to half the rate.
+        share, noises = math.sqrt(rate_hz / 2.0), known.get("noise", {})
+        usual = math.radians(chip.gyr_noise_dps)
+        rate_noise = _number(noises.get("gyr"), usual / share) * share
+        self._zero_rad2_s2 = math.radians(zero_dps) ** 2 + rate_noise**2
         level = LEVEL_SIGMA_G * GRAVITY_M_S2
-        noise = chip.acc_noise_mg * GRAVITY_M_S2 / 1000.0
+        usual = chip.acc_noise_mg * GRAVITY_M_S2 / 1000.0
+        noise = _number(noises.get("acc"), usual / share) * share
         self.force_m2_s4 = _number(known.get("acc", {}).get("sigma"), level) ** 2
         self.force_m2_s4 += noise**2
         own = _number(known.get("mag", {}).get("sigma"), OWN_FIELD_SIGMA_UT)
@@ -56,11 +60,12 @@ class SampleError:
         return self._zero_rad2_s2 + self._scale**2 * (x * x + y * y + z * z)
 
 
-def _chip_of(hello: bytes) -> Chip | None:
+def _of_hello(hello: bytes) -> tuple[Chip | None, float]:
+    """The chip, and how many samples it makes a second."""
     message = decode(hello) if hello else None
     if not isinstance(message, Message):
-        return None
-    return known_chip(message.fields)
+        return None, 0.0
+    return known_chip(message.fields), float(str(message.fields["sample_rate"]))
 
 
 def _number(value: object, otherwise: float) -> float:

@@ -11,6 +11,8 @@ import pytest
 
 from fakes import HELLO
 from fakes.records import calibrated_records, calibration_record
+from imud.calibration.noise import with_noise
+from imud.params.value import Params
 from imud.published import SinceOrigin
 from imud.ros2 import cdr
 from imud.ros2.covariance import FREE_RAD2, orientation_covariance
@@ -98,6 +100,21 @@ def test_a_covariance_has_the_noise_of_the_chip_and_what_calibration_left(
     )
     assert variance(mag.magnetic_field_covariance) == pytest.approx(
         (field_ut**2 + 0.8**2) * 1e-12
+    )
+
+
+def test_a_covariance_has_the_noise_that_calibration_measured(
+    translator: RosTranslator,
+) -> None:
+    white = {"acc": 0.0011, "gyr": 6.6e-5}  # of an LSM6DSOX at 16 g
+    params = with_noise(Params.decode(calibrated_records(1)), white).encode()
+    hello = encode("hello", HELLO | {"sensor": "lsm6dsox", "sample_rate": 200}, 1, 0)
+    imu = sent_by(translator, raw(params, hello), pose())["/imud/tip/imu/data"][-1]
+    assert variance(imu.linear_acceleration_covariance) == pytest.approx(
+        0.011**2 + 0.025**2
+    )
+    assert variance(imu.angular_velocity_covariance) == pytest.approx(
+        6.6e-4**2 + math.radians(0.5) ** 2 + (0.0012 * SPEED) ** 2
     )
 
 
