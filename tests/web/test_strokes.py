@@ -68,17 +68,39 @@ def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
     page.get_by_text("sector and cone").wait_for()
 
 
-def test_of_a_path_there_and_back_the_far_point_is_told(
+def test_there_and_back_is_guided_with_a_count_down_and_closed(
     shown: Seen, desk: Desk
 ) -> None:
     page = shown.page
+    page.get_by_role("button", name="There and back").click()
+    page.get_by_text("Put the tip on the mark and hold it still: 1 s").wait_for()
     errors = {"displacement_sigma": (0.002, 0.001), "path_sigma": (0.004, 0.002)}
-    for number, x, way, z in ((1, 0.03, 0.03, 0.0), (2, 0.002, -0.028, 0.001)):
+    ways = (
+        (1, "Press, and move to the other point", 0.03, 0.03, 0.0),
+        (2, "Press, and move back to the mark", 0.002, -0.028, 0.001),
+    )
+    for number, words, x, way, z in ways:
+        page.get_by_text(words).wait_for()
+        shown.until("imud.model.probe.event.event === 'tared'")
+        desk.hand.say("stroke", stroke=number, end="running")
+        page.get_by_text("and release: 2 s").wait_for()
         desk.hand.turn(FORWARD, position=(x, 0.0, z))
         shown.until(f"globalThis.imud.model.probe.pose.position_m?.[0] === {x}")
         stroke = {"stroke": number, "end": "rest", "displacement": (way, 0.0, 0.0)}
         desk.hand.say("stroke", **stroke, **errors, path=(x, 0.0, 0.0))
-        shown.until(f"globalThis.imud.model.strokes.stops.length === {number + 1}")
-    page.get_by_role("button", name="Close path").click()
+        page.get_by_text("Hold it still: 1 s").wait_for()
     page.get_by_text("; there 29.0 ±1.6 mm").wait_for()
     assert page.evaluate(CLOSED)[-1] == [0, 0, 0]
+    page.get_by_text("Hold it still").wait_for(state="hidden")
+
+
+def test_a_stroke_without_a_length_ends_the_way_there_and_back(
+    shown: Seen, desk: Desk
+) -> None:
+    page = shown.page
+    page.get_by_role("button", name="There and back").click()
+    page.get_by_text("Press, and move to the other point").wait_for()
+    lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
+    desk.hand.say("stroke", stroke=1, end="too_long", displacement=None, **lost)
+    page.get_by_text("end it within 5 s; begin again").wait_for()
+    page.get_by_text("Press, and move to").wait_for(state="hidden")

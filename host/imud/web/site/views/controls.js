@@ -6,6 +6,7 @@ import { alarmChoice } from "../alarm.js";
 import { make, mark, question, say } from "../dom.js";
 import { ButtonForm } from "../gestures.js";
 import { attempt, tell } from "../header.js";
+import { ThereAndBack } from "./back.js";
 
 /** @typedef {import("../model.js").Model} Model */
 
@@ -79,6 +80,7 @@ export class Controls {
     this._mag = make("button", { onclick: () => this._setMagnetometer() });
     this._log = make("button", { onclick: () => this._setLog() }, "Stop its log");
     this._gestures = new ButtonForm(model);
+    this._back = new ThereAndBack(model);
     const more = make(
       "details",
       {},
@@ -108,7 +110,8 @@ export class Controls {
       { class: "card controls" },
       make("div", { class: "row" }, this._start, this._stop),
       make("div", { class: "row origin" }, set, this._origin, undo),
-      make("div", { class: "row" }, this._button("Close path", "close", {})),
+      make("div", { class: "row" }, this._button("Close path", "close", {}), this._back.button),
+      this._back.element,
       this._why,
       this._gestures.element,
       more,
@@ -131,6 +134,7 @@ export class Controls {
     const { probe, mayCommand, page, link } = this._model;
     const isOn = mayCommand && probe !== undefined;
     this._gestures.draw();
+    this._back.draw(performance.now());
     for (const button of this.element.querySelectorAll("button")) {
       mark(button, "disabled", !isOn);
     }
