@@ -132,6 +132,13 @@ def findings_of(hello: Hello, verdicts: Sequence[SensorVerdict]) -> list[SensorF
             "lies still"
         )
         found.append(SensorFinding(words, is_fault=False))
+    die = die_of(hello["who_am_i"][0], str(hello["sensor"]))
+    if die is not None and die.is_untried:
+        words = (
+            f"{die.name}: untried, nobody has run this firmware with it; please send "
+            "the report of imud check"
+        )
+        found.append(SensorFinding(words, is_fault=False))
     return found
 
 

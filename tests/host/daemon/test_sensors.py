@@ -135,6 +135,12 @@ def test_an_unusual_identity_is_told(hello: dict[str, Any], words: str) -> None:
     assert sensor_words(hello) == words
 
 
+def test_an_untried_chip_is_told_wherever_faults_are() -> None:
+    (found,) = findings_of(hello_of("lsm6dsv16x", 0x70, 0x3D), [])
+    assert found.words.startswith("LSM6DSV16X or LSM6DSV: untried, ")
+    assert not found.is_fault
+
+
 def test_nothing_is_said_of_a_sensor_that_is_not_found_yet() -> None:
     hello = hello_of("none", 0, 0, self_test=("host_judges",))
     assert findings_of(hello, verdicts_of(hello, None)) == []
