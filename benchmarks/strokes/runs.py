@@ -16,7 +16,13 @@ from imud import rotation
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.motion import Motion, join
-from imud.virtual.sensors import HAND_RATE_HZ, NO_ERRORS, World, stream
+from imud.virtual.sensors import (
+    HAND_RATE_HZ,
+    NO_ERRORS,
+    SensorErrors,
+    World,
+    stream,
+)
 from imud.virtual.stroking import (
     PAUSE_S,
     PRESSED_S,
@@ -57,11 +63,17 @@ class Found:
     sigmas: FloatArray
 
 
-def motion_of(plan: Plan, seed: int) -> Motion:
+def motion_of(
+    plan: Plan,
+    seed: int,
+    tip_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    errors: SensorErrors = NO_ERRORS,
+) -> Motion:
+    """All strokes of a plan, and the rests around them."""
     seconds = SETTLES_S + 4.0 + plan.strokes * (plan.seconds + PAUSE_S + 0.1)
     pieces: list[Motion] = []
     hand = stream(
-        *(seed, HAND_RATE_HZ, World(tip_m=(0.0, 0.0, 0.0)), NO_ERRORS),
+        *(seed, HAND_RATE_HZ, World(tip_m=tip_m), errors),
         lambda random, rate_hz: StrokingHand(random, rate_hz, plan),
         SWAYS[plan.support],
     )
@@ -161,11 +173,11 @@ def heading_of(quat: FloatArray, exact: Motion, time_s: float) -> float:
     return float(2.0 * np.arctan2(z, w))
 
 
-def turned_back(rows: FloatArray, angles: FloatArray) -> FloatArray:
+def turned_back(rows: FloatArray, angles: FloatArray | float) -> FloatArray:
     """Each row turned about the vertical by less its angle, rad."""
     cosine, sine = np.cos(angles), np.sin(angles)
     x, y, z = rows.T
-    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=-1)
 
 
 def found_of(ends: Sequence[Message], turned: FloatArray, true: FloatArray) -> Found:

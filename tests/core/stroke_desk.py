@@ -8,20 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.strokes import runs
+from benchmarks.strokes.runs import motion_of, turned_back
 from core import desk
 from core.desk import ffi, lib
 from core.scenes import SAMPLE
-from imud import rotation
-from imud.virtual.motion import Motion, join
-from imud.virtual.sensors import SensorErrors, World, stream
+from imud.virtual.motion import Motion
+from imud.virtual.sensors import SensorErrors
 from imud.virtual.stroking import (
-    PAUSE_S,
     PRESSED_S,
     RELEASED_S,
-    SETTLES_S,
-    SWAYS,
     Plan,
-    StrokingHand,
     TrueStroke,
     strokes_of,
 )
@@ -63,25 +60,13 @@ class Measured:
             out[press : self.index(stroke.end_s + RELEASED_S)] = True
         return out
 
-    def quat(self, sample: int) -> desk.Array:
-        assert self.motion.quat is not None
-        return self.motion.quat[sample * 5 + 4]
-
 
 def measured(
-    plan: Plan, seed: int, tip_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    plan: Plan, seed: int, tip_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> Measured:
     """The samples of an MPU-9250 while a hand carries out a plan."""
-    seconds = SETTLES_S + 4.0 + plan.strokes * (plan.seconds + PAUSE_S + 0.1)
-    pieces: list[Motion] = []
-    hand = stream(
-        *(seed, 1000.0, World(tip_m=tip_m), ERRORS),
-        lambda random, rate_hz: StrokingHand(random, rate_hz, plan),
-        SWAYS[plan.support],
-    )
-    while sum(map(len, pieces)) < seconds * 1000:
-        pieces.append(next(hand))
-    motion = join(pieces)[: round(seconds * RATE_HZ) * 5]
+    motion = motion_of(plan, seed, tip_m, ERRORS)
+    motion = motion[: len(motion) // 5 * 5]
     return Measured(motion, samples_of(motion), strokes_of(motion))
 
 
@@ -149,20 +134,12 @@ def names(strokes: desk.Array) -> list[int]:
 
 def heading_of(tracker: Tracker, scene: Measured) -> float:
     """By how much the filter's heading is wrong at the end, rad."""
-    w, _, _, z = rotation.multiply(
-        tracker.quat(), rotation.inverse(scene.quat(len(scene.samples) - 1))
-    )
-    return float(2 * np.arctan2(z, w))
-
-
-def turned(rows: desk.Array, angle: float) -> desk.Array:
-    """Rows of vectors, turned back by an angle of heading."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    x, y, z = np.moveaxis(np.asarray(rows, float), -1, 0)
-    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=-1)
+    return runs.heading_of(tracker.quat(), scene.motion, len(scene.motion) / 1000.0)
 
 
 def errors(tracker: Tracker, scene: Measured, strokes: desk.Array) -> desk.Array:
     """Of each stroke, m, without that of the heading."""
-    found = turned(ends(strokes)["displacement"] * MICRO, heading_of(tracker, scene))
+    found = turned_back(
+        ends(strokes)["displacement"] * MICRO, heading_of(tracker, scene)
+    )
     return found - np.array([stroke.way_m for stroke in scene.strokes])

@@ -45,6 +45,11 @@ def is_thrown(samples: desk.desk.Array, _: desk.desk.Array, start: int) -> int:
     return lib.STROKE_END_CLIPPED
 
 
+def is_spun(samples: desk.desk.Array, _: desk.desk.Array, start: int) -> int:
+    samples["gyr_clipped"][start + 100] = True
+    return lib.STROKE_END_CLIPPED
+
+
 def is_disturbed(samples: desk.desk.Array, _: desk.desk.Array, start: int) -> int:
     samples["has_gap"][start + 120] = True
     return lib.STROKE_END_GAP
@@ -52,7 +57,10 @@ def is_disturbed(samples: desk.desk.Array, _: desk.desk.Array, start: int) -> in
 
 @pytest.mark.parametrize(
     "bad",
-    [is_pressed_late, is_released_early, is_held_for_long, is_thrown, is_disturbed],
+    [
+        *(is_pressed_late, is_released_early, is_held_for_long),
+        *(is_thrown, is_spun, is_disturbed),
+    ],
 )
 def test_after_a_stroke_without_length_no_place_is_known(
     single: Measured, bad: Bad

@@ -9,6 +9,7 @@ import pytest
 from core import stroke_desk as desk
 from core.desk import ffi, lib
 from core.stroke_desk import MICRO, NULL, SIGMA, Measured, Tracker, ends, names
+from imud import rotation
 from imud.virtual.stroking import A4, Plan
 
 REST, BUTTON = lib.STROKE_END_REST, lib.STROKE_END_BUTTON
@@ -130,19 +131,6 @@ def test_a_button_that_is_jammed_for_an_hour_tells_one_stroke(single: Measured) 
     hour["time_us"] += single.samples["time_us"][-1] + 5000
     more, _ = tracker.feel(hour, np.ones(len(hour), bool))
     assert names(strokes) + names(more) == [lib.STROKE_END_TOO_LONG]
-
-
-@pytest.mark.parametrize("by", ["acc_clipped", "gyr_clipped", "has_gap"])
-def test_clipping_and_gaps_end_a_stroke_and_its_path(single: Measured, by: str) -> None:
-    samples = single.samples.copy()
-    samples[by][at(single, 0.5)] = True
-    tracker = Tracker(is_by_button=True, tip_um=(0, 0, 0))
-    lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
-    strokes, _ = tracker.feel(samples, single.held())
-    end = lib.STROKE_END_GAP if by == "has_gap" else lib.STROKE_END_CLIPPED
-    assert names(strokes) == [end]
-    assert (ends(strokes)["displacement"] == NULL).all()
-    assert list(tracker.pose().position) == [NULL] * 3
 
 
 def test_a_long_gap_in_time_ends_a_stroke(single: Measured) -> None:
@@ -301,11 +289,11 @@ def test_a_path_adds_up_and_the_tip_is_at_the_end_of_it() -> None:
     # From the first corner of the sheet to the last, seen from the origin's heading.
     turn = desk.heading_of(tracker, scene)
     ways = [stroke.tip_way_m for stroke in scene.strokes]
-    found = desk.turned(np.array(list(pose.position)) * MICRO, turn)
+    found = desk.turned_back(np.array(list(pose.position)) * MICRO, turn)
     assert np.linalg.norm(found - np.sum(ways, axis=0)) < 0.015
     assert pose.pose_flags & lib.POSE_TARED
     normal = np.array(list(pose.normal)) / 2**14
-    back = -np.array(desk.rotation.rotate(tracker.quat(), np.array([1.0, 0.0, 0.0])))
+    back = -np.array(rotation.rotate(tracker.quat(), np.array([1.0, 0.0, 0.0])))
     assert np.allclose(normal, back, atol=2e-4)
     sigma = ends(strokes)["path_sigma"]
     assert (np.diff(sigma[:, 0].astype(int)) > 0).all()
@@ -333,13 +321,6 @@ def test_without_a_tip_there_is_no_position_but_a_path(single: Measured) -> None
     assert (ends(strokes)["path"] != NULL).all()
     assert list(tracker.pose().position) == [NULL] * 3
     assert list(tracker.pose().normal) == [-(2**15)] * 3
-
-
-def test_another_filter_tells_no_strokes(single: Measured) -> None:
-    tracker = Tracker(is_by_button=True)
-    assert lib.pose_begin(tracker.c, desk.CALIBRATED, desk.MPU9250, lib.FILTER_MAHONY)
-    strokes, _ = tracker.feel(single.samples, single.held())
-    assert len(strokes) == 0
 
 
 # What the filter learns from strokes.

@@ -5,11 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
+from imud.virtual.calibrating import felt_of
 from imud.virtual.motion import Motion
 from imud.virtual.motions.module import Module
-from imud.virtual.sensors import NO_ERRORS, World, random_of_hand, stream
+from imud.virtual.sensors import World, random_of_hand
 from imud.virtual.stroking import A4, CIRCLE, SWAYS, Plan, StrokingHand
 
 # The emulator takes 64 presses; one of them starts the stream.
@@ -32,16 +31,11 @@ BEFORE_S, AFTER_S = 0.05, 0.05  # the button is held for so much longer than a s
 def pieces(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
     """The endless motion of that hand as a module measures it."""
     plan = PLANS[name]
-    exact = stream(
-        seed,
-        rate_hz,
-        World(),
-        NO_ERRORS,
+    return felt_of(
+        *(module, seed, rate_hz, World()),
         lambda random, hz: StrokingHand(random, hz, plan),
         SWAYS[plan.support],
     )
-    sensor = module.sensor(rate_hz, np.random.default_rng([seed, 2]))
-    return map(sensor.feel, exact)
 
 
 def presses_us(name: str, seed: int, rate_hz: float) -> Iterator[tuple[int, int]]:
