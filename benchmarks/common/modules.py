@@ -16,12 +16,14 @@ NOISE = SensorErrors(0.0856, 5.4, 0.6, 0.0, 0.0, 0.0)
 GYR_BIAS_DPS = 1.0
 
 # Of chips: the accelerometer's density, ug, and the gyroscope's, mdps, in the root of a
-# Hz. The rests of BROAD; PS-MPU-9250A-01 tables 1 and 2; DS12814 table 3 at 8 g, and
-# table 4; as Luxonis gives those of the LSM6DSV16X.
+# Hz. The rests of BROAD; PS-MPU-9250A-01 tables 1 and 2; DS12814 by memory, at the 16 g
+# that the driver sets (70, 75 and 80 ug at 2, 4 and 8 g; no copy of the table could be
+# read, but who measures an LSM6DSOX quotes 110, too); as Luxonis gives those of the
+# LSM6DSV, without a range.
 DENSITIES = {
     "BROAD": (530.0, 8.4),
     "MPU-9250": (300.0, 10.0),
-    "LSM6DSOX": (80.0, 3.8),
+    "LSM6DSOX": (110.0, 3.8),
     "LSM6DSV": (60.0, 2.8),
 }
 

@@ -49,7 +49,14 @@ PATHS = [
     Case("A4 outline, 4 x 1 s", Plan(strokes=4, corners=A4)),
     Case("circle of 20 cm, 8 x 0.75 s", Plan(seconds=0.75, corners=CIRCLE)),
 ]
-CASES = [*STROKES, *PATHS]
+# "hand" sways and turns at rest as real ones do; those above turn three times as much
+# for their speed.
+HANDS = [
+    *(Case(f"hand, {t:g} s", Plan(seconds=t, support="hand")) for t in (1.0, 2.0)),
+    Case("5 cm, hand, 1 s", Plan(length_m=0.05, support="hand")),
+    Case("raw module, hand, 2 s", Plan(seconds=2.0, support="hand"), module="raw"),
+]
+CASES = [*STROKES, *PATHS, *HANDS]
 
 CLOSED = {False: "as measured", True: "closed"}
 PATH_CELLS = [f"{each}, {of}" for each in CLOSED.values() for of in ("median", "p95")]
