@@ -19,6 +19,7 @@ from generator import (
     commands,
     library,
     micropython_code,
+    page_code,
     published,
     python_code,
     ros2,
@@ -39,6 +40,7 @@ PUBLISHED = Path("protocol/published.toml")
 TYPES = Path("host/imud/published.py")
 ROS2 = Path("host/imud/ros2/hashes.py")
 SCRIPT = Path("host/imud/web/site/published.js")
+WIRE_SCRIPT = Path("host/imud/web/site/usb/wire.js")
 POSE = Path("docs/pose.md")
 KEPT = Path("host/imud/wire/schemas")  # every schema that a probe or a log may have
 
@@ -61,6 +63,7 @@ def outputs(schema: Schema) -> dict[Path, str]:
         TYPES: published.python(structs),
         ROS2: ros2.module(),
         SCRIPT: published.script(structs),
+        WIRE_SCRIPT: page_code.module(schema, structs),
         POSE: commands.document(published.document(structs, pose)),
     }
 

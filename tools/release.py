@@ -19,7 +19,7 @@ import tarfile
 import time
 import tomllib
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,10 @@ OURS = ("imu-probe", "imu-probe-firmware", "imu-probe-sim")
 EMULATORS = ("nano", "f405")
 # Debian's sources of what is inside the emulators.
 SOURCES = ("simavr", "unicorn-engine", "elfutils")
+
+# Of the modules of that commit, which need no C.
+PACK = """import pathlib, sys; from imud.web import packed
+packed.write(pathlib.Path(sys.argv[1]))"""
 
 Sign = Callable[[Path], Path]  # writes a file's signature beside it
 
@@ -242,7 +246,22 @@ class Release:
         files = [self.source / name for name in others]
         files += sorted((self.source / "examples" / "libimuprobe").iterdir())
         files += sorted(folder.iterdir())
-        place = self.dist / f"libimuprobe-{self.version}.zip"
+        self._zip("libimuprobe", files)
+
+    def add_page(self) -> None:
+        """The page without a daemon, with the Pico's image."""
+        folder = self.place / "page"
+        packages = (self.source / "host", self.source / "packages" / "firmware")
+        self.run(
+            "page without a daemon",
+            *("env", f"PYTHONPATH={':'.join(map(str, packages))}", sys.executable),
+            *("-c", PACK),
+            folder,
+        )
+        self._zip("imu-probe-page", sorted(folder.iterdir()))
+
+    def _zip(self, name: str, files: Iterable[Path]) -> None:
+        place = self.dist / f"{name}-{self.version}.zip"
         with zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as archive:
             for path in files:  # at one time, so that each build is the same
                 archive.writestr(zipfile.ZipInfo(path.name), path.read_bytes())
@@ -391,6 +410,7 @@ def build(place: Path, *, with_sources: bool, sign: Sign | None = None) -> Relea
     release.build_imud()
     release.add_parts()
     release.add_library()
+    release.add_page()
     release.list_contents()
     return release
 

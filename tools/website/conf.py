@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from imud.web import packed
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 PICTURES = "docs/pictures"
 
@@ -80,13 +82,15 @@ def tree() -> Iterator[str]:
 
 def finish(app: Any, error: Exception | None) -> None:
     """Adds what Sphinx leaves out: pictures that raw HTML names, a first page of the
-    usual name, and a page with all versions, of which the latest comes first.
+    usual name, the page that reads a probe without a daemon, and a page with all
+    versions, of which the latest comes first.
     """
     if error is not None:
         return
     folder = Path(app.outdir)
     shutil.copytree(ROOT / PICTURES, folder / PICTURES, dirs_exist_ok=True)
     shutil.copy(folder / f"{root_doc}.html", folder / "index.html")
+    packed.write(folder / "page")
     names = [path.name for path in folder.parent.iterdir() if path.is_dir()]
     names.sort(
         key=lambda name: [int(n) for n in re.findall(r"\d+", name)], reverse=True

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import (
@@ -119,7 +121,8 @@ def _add_view(commands: Commands) -> None:
         "open the page in a browser; for a remote daemon, serve it here",
         "imud view --connect tcp/192.168.1.10:7447",
         "Without --connect it opens the page of the daemon on this machine. A page "
-        "served here ends with Ctrl-C.",
+        "served here ends with Ctrl-C. The page of --to needs neither imud nor a "
+        "network: Chrome, Chromium or Edge reads a probe from USB with it.",
     )
     view.add_argument(
         "--page",
@@ -130,6 +133,12 @@ def _add_view(commands: Commands) -> None:
         "--no-open",
         action="store_true",
         help="print the address without opening a browser",
+    )
+    view.add_argument(
+        "--to",
+        metavar="DIR",
+        type=Path,
+        help="write the page into a folder, for computers without imud, and end",
     )
     add_network(view)
     view.set_defaults(run=_view)
@@ -169,6 +178,13 @@ def _monitor(args: argparse.Namespace) -> int:
 
 
 def _view(args: argparse.Namespace) -> int:
+    if args.to is not None:
+        from imud.web import packed
+
+        for path in packed.write(args.to):
+            sys.stdout.write(f"{path}\n")
+        return 0
+
     from imud.cli import page
 
     return page.run(

@@ -2,6 +2,8 @@
 // @ts-check
 // Elements are made by code, and text is set as text: nothing from the network is HTML.
 
+import { isAlone } from "./link.js";
+
 /**
  * Makes an element. `on...` properties are listeners, the others attributes; null and
  * false leave an attribute out.
@@ -137,14 +139,21 @@ export function save(name, blob) {
   setTimeout(() => URL.revokeObjectURL(url), 10_000);
 }
 
+/** @type {Map<string, unknown> | null} in the place of what a browser keeps */
+const forgotten = isAlone ? new Map() : null;
+
 /**
- * A value that this browser keeps; the default if there is none or it can't be read.
+ * A value that this browser keeps; the default if there is none or it can't be read. A
+ * page without a daemon keeps nothing when it is closed.
  * @template T
  * @param {string} name
  * @param {T} fallback
  * @returns {T}
  */
 export function kept(name, fallback) {
+  if (forgotten !== null) {
+    return /** @type {T} */ (forgotten.get(name) ?? fallback);
+  }
   try {
     const text = localStorage.getItem(`imud.${name}`);
     return text === null ? fallback : JSON.parse(text);
@@ -159,6 +168,10 @@ export function kept(name, fallback) {
  * @param {unknown} value
  */
 export function keep(name, value) {
+  if (forgotten !== null) {
+    forgotten.set(name, value);
+    return;
+  }
   try {
     localStorage.setItem(`imud.${name}`, JSON.stringify(value));
   } catch {

@@ -5,7 +5,7 @@
 
 import { make, mark, say } from "./dom.js";
 import { allowSound, chime } from "./sound.js";
-import { run } from "./views/controls.js";
+import { run } from "./commands.js";
 
 /** @typedef {import("./link.js").Line} Line */
 /** @typedef {import("./model.js").Model} Model */
@@ -49,7 +49,7 @@ export class ButtonForm {
     };
     const row = make("div", { class: "row" }, make("button", {}, "Apply"), back);
     const form = make("form", { class: "stack inner", onsubmit }, this._about, ...fields, row);
-    this.element = make("details", {}, make("summary", {}, "Button"), form);
+    this.element = make("details", { class: "with-daemon" }, make("summary", {}, "Button"), form);
   }
 
   draw() {

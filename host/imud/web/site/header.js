@@ -4,6 +4,7 @@
 // toasts and dialogs that any view may need.
 
 import { draw, keep, kept, make, mark, say } from "./dom.js";
+import { isAlone } from "./link.js";
 import { LoginDialog } from "./login.js";
 import { PlayBar } from "./playbar.js";
 import { onPage } from "./views/words.js";
@@ -158,8 +159,9 @@ export class Header {
   /** @param {number} nowMs */
   draw(nowMs) {
     const { state } = this._model.link;
-    say(this._words, state === "open" && this._model.page.playing ? "log" : WORDS[state]);
-    mark(this._link, "data-state", state);
+    const live = isAlone ? (this._model.probes.size > 0 ? "USB" : "no probe") : this._model.page.playing ? "log" : WORDS.open;
+    say(this._words, state === "open" ? live : WORDS[state]);
+    mark(this._link, "data-state", live === "no probe" ? "connecting" : state);
     this.playbar.draw(nowMs);
   }
 

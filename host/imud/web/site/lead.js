@@ -4,9 +4,10 @@
 // that lead through a new probe.
 
 import { keep, kept, make, say } from "./dom.js";
+import { isAlone } from "./link.js";
 import { attempt } from "./header.js";
 import { angleOf, inverse, multiply } from "./rotation.js";
-import { setOrigin } from "./views/controls.js";
+import { setOrigin } from "./commands.js";
 
 /** @typedef {import("./model.js").Model} Model */
 /** @typedef {import("./model.js").Probe} Probe */
@@ -28,7 +29,7 @@ const STEPS = {
   origin: { title: "Set origin", view: "probe", text: "Hold it as it should read zero." },
   aim: { title: "Aim", view: "aim", text: "Choose an orientation and bring it there, until it is green." },
 };
-const NAMES = /** @type {Step[]} */ (Object.keys(STEPS));
+const NAMES = /** @type {Step[]} */ (Object.keys(STEPS)).filter((name) => !isAlone || name !== "calibrate");
 
 /** What each state needs. @type {Record<string, string>} */
 const MISSING = {
@@ -36,7 +37,9 @@ const MISSING = {
   gone: "is unplugged: plug it in again",
   silent: "does not answer: check its cable, or switch it off and on",
   fault: "has a fault: its card under Probes says which",
-  "other schema": "has firmware of another version: update it under Probes",
+  "other schema": isAlone
+    ? "has firmware of another version: update that, or take this page of its version"
+    : "has firmware of another version: update it under Probes",
 };
 
 /** The card. */
@@ -123,6 +126,13 @@ export class Lead {
    */
   _noProbe(nowMs) {
     const { link, page, mayCommand } = this._model;
+    if (isAlone) {
+      const { unheard } = /** @type {import("./usb/link.js").UsbLink} */ (link);
+      const text = unheard
+        ? `${unheard} is open, but no probe was heard yet: a Nano needs 2 s. Is it the right port?`
+        : "Plug one in by USB, then choose its port.";
+      return { head: "No probe yet.", text, actions: [{ text: "Connect a probe", act: () => link.connect() }] };
+    }
     const head = page.virtual === "running" ? "The virtual probe is starting." : "No probe yet.";
     if (!mayCommand) {
       return { head, text: "It appears here as soon as one is plugged in where imud runs.", actions: [] };

@@ -1,20 +1,14 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// The connection to the server. It heals itself; an event tells each change.
+// The seam between the page and its data: the daemon (daemon.js), or a probe that this
+// page reads from USB by itself (usb/link.js). An event tells each change.
 
 /** @typedef {Record<string, any> & { type: string }} Line */
 /** @typedef {"connecting" | "open" | "silent" | "login" | "lost"} LinkState */
 /** @typedef {{ side: string, probes: Record<string, string> }} LimbSetup the ids of probes by segment */
-/** @typedef {{ resolve: (answer: any) => void, reject: (error: Error) => void }} Waiting */
 
-// The server says something every 0.2 s; after a second without, it is silent, and after
-// three the page connects again. A busy machine may take longer to connect.
-const SILENT_MS = 1000;
-const DEAD_MS = 3000;
-const CONNECT_MS = 10000;
-const RETRY_MS = [100, 250, 500, 1000];
-const SEEN_EVERY = 4;
-const HIDDEN_HZ = 5;
+/** Whether this is the page of `imud page`, which has no daemon. */
+export const isAlone = document.documentElement.dataset.daemon === "none";
 
 /** Emits "line" for each line but heads, and "state". */
 export class Link extends EventTarget {
@@ -25,73 +19,35 @@ export class Link extends EventTarget {
     this.leftOut = 0;
     this.received = 0;
     this.bytes = 0;
-    /** @type {number | null} */
-    this._ahead = null;
-    /** @type {WebSocket | null} */
-    this._socket = null;
-    this._heardMs = performance.now();
-    this._number = 0;
-    this._seen = 0;
-    this._tries = 0;
-    this._asked = 0;
-    /** @type {Map<number, Waiting>} */
-    this._waiting = new Map();
-    /** @type {[string, string][]} */
-    this._every = [];
-    this._rateHz = 60;
-    this._probe = "";
-    this._decoder = new TextDecoder();
-    this._credentials = takeToken() ?? storedLogin();
-    setInterval(() => this._check(), 100);
-    document.addEventListener("visibilitychange", () => this._tellWatch());
   }
 
-  /** How far the server's clock is ahead of this one's, ms. */
+  /** How far the clock of its times is ahead of this one's, ms. */
   get aheadMs() {
-    return this._ahead ?? 0;
+    return 0;
   }
 
-  open() {
-    const socket = new WebSocket(`ws://${location.host}/live`);
-    socket.binaryType = "arraybuffer";
-    this._socket = socket;
-    this._heardMs = performance.now();
-    this._number = this._seen = 0;
-    socket.onopen = () => {
-      this._heardMs = performance.now();
-      if (this._credentials) {
-        this._send({ do: "login", ...this._credentials });
-      }
-      this._tellWatch();
-    };
-    socket.onmessage = (event) => this._take(event.data);
-    socket.onclose = () => this._lost(socket);
-  }
+  open() {}
 
   /**
    * Asks for every payload of these topics, and for updates at a rate; poses of probes
    * that are not looked at come less often.
-   * @param {[string, string][]} every
-   * @param {number} rateHz
-   * @param {string} probe
+   * @param {[string, string][]} _every
+   * @param {number} _rateHz
+   * @param {string} _probe
    */
-  watch(every, rateHz, probe) {
-    const isSame = rateHz === this._rateHz && probe === this._probe;
-    if (!isSame || String(every) !== String(this._every)) {
-      this._every = every;
-      this._rateHz = rateHz;
-      this._probe = probe;
-      this._tellWatch();
-    }
-  }
+  watch(_every, _rateHz, _probe) {}
 
-  /** Tells the server that all that came is drawn. */
-  drawn() {
-    if (this._number - this._seen >= SEEN_EVERY) {
-      this._seen = this._number;
-      this._send({ do: "seen", n: this._number });
-    }
-  }
+  /** Tells that all that came is drawn. */
+  drawn() {}
+
+  /** Has the user choose a port with a probe. */
+  async connect() {}
+
+  /**
+   * @param {string} _user
+   * @param {string} _secret
+   */
+  logIn(_user, _secret) {}
 
   /**
    * Sends a command to a probe; rejects with the daemon's words if it fails.
@@ -190,9 +146,7 @@ export class Link extends EventTarget {
   }
 
   /** Ends the log: what is live comes again. */
-  live() {
-    this._send({ do: "live" });
-  }
+  live() {}
 
   /**
    * A part of a log, from that byte on; empty at its end.
@@ -205,118 +159,16 @@ export class Link extends EventTarget {
   }
 
   /**
-   * @param {object} message
+   * @param {Record<string, any>} _message
    * @returns {Promise<any>}
    */
-  _request(message) {
-    const id = ++this._asked;
-    this._send({ ...message, id });
-    return new Promise((resolve, reject) => this._waiting.set(id, { resolve, reject }));
-  }
-
-  /**
-   * @param {string} user
-   * @param {string} secret
-   */
-  logIn(user, secret) {
-    this._credentials = { user, secret };
-    sessionStorage.setItem("imud.login", JSON.stringify(this._credentials));
-    this._send({ do: "login", ...this._credentials });
-  }
-
-  /** @param {object} message */
-  _send(message) {
-    if (this._socket?.readyState === WebSocket.OPEN) {
-      this._socket.send(JSON.stringify(message));
-    }
-  }
-
-  _tellWatch() {
-    const rate = document.hidden ? HIDDEN_HZ : this._rateHz;
-    const probe = this._probe || null;
-    this._send({ do: "watch", every: this._every, rate_hz: rate, probe });
-    this._heardMs = performance.now();
-  }
-
-  /** @param {ArrayBuffer} data */
-  _take(data) {
-    this._heardMs = performance.now();
-    this.bytes += data.byteLength;
-    for (const text of this._decoder.decode(data).split("\n")) {
-      try {
-        this._line(JSON.parse(text));
-      } catch (error) {
-        if (!(error instanceof SyntaxError)) {
-          throw error;
-        }
-      }
-    }
-    if (document.hidden) {
-      this.drawn();
-    }
+  _request(_message) {
+    return Promise.reject(new Error("this needs the daemon: imud run"));
   }
 
   /** @param {Line} line */
-  _line(line) {
-    if (line.type === "head") {
-      this._number = line.n;
-      this.leftOut = line.left_out;
-      this.received += 1;
-      // The least of what a clock's difference and the way here add up to.
-      const ahead = line.t_ms - Date.now();
-      this._ahead = this._ahead === null ? ahead : Math.max(ahead, this._ahead - 0.01);
-      if (this.state === "silent") {
-        this._become("open");
-      }
-    } else if (line.type === "answer") {
-      const waiting = this._waiting.get(line.id);
-      this._waiting.delete(line.id);
-      if (line.error) {
-        waiting?.reject(new Error(line.error));
-      } else {
-        waiting?.resolve(line.answer);
-      }
-    } else {
-      if (line.type === "page") {
-        this._tries = 0;
-        this._become(line.reads.length ? "open" : "login");
-      } else if (line.type === "login") {
-        this._credentials = null;
-        sessionStorage.removeItem("imud.login");
-        this._become("login");
-      }
-      this.dispatchEvent(new CustomEvent("line", { detail: line }));
-    }
-  }
-
-  _check() {
-    const silentMs = performance.now() - this._heardMs;
-    if (document.hidden || this._socket === null) {
-      return;
-    }
-    const socket = this._socket;
-    const isConnecting = socket.readyState === WebSocket.CONNECTING;
-    if (silentMs > (isConnecting ? CONNECT_MS : DEAD_MS)) {
-      socket.close();
-      this._lost(socket);
-    } else if (silentMs > SILENT_MS && this.state === "open") {
-      this._become("silent");
-    }
-  }
-
-  /** @param {WebSocket} socket */
-  _lost(socket) {
-    if (socket !== this._socket) {
-      return;
-    }
-    this._socket = null;
-    for (const waiting of this._waiting.values()) {
-      waiting.reject(new Error("the connection was lost before the answer came"));
-    }
-    this._waiting.clear();
-    this._become("lost");
-    const wait = RETRY_MS[Math.min(this._tries++, RETRY_MS.length - 1)];
-    setTimeout(() => this.open(), wait);
+  _emit(line) {
+    this.dispatchEvent(new CustomEvent("line", { detail: line }));
   }
 
   /** @param {LinkState} state */
@@ -326,22 +178,4 @@ export class Link extends EventTarget {
       this.dispatchEvent(new CustomEvent("state"));
     }
   }
-}
-
-/** The token that `imud view` puts behind the address, which is then removed there. */
-function takeToken() {
-  const match = /^#token=([\w-]+)$/.exec(location.hash);
-  if (!match) {
-    return null;
-  }
-  history.replaceState(null, "", location.pathname);
-  const login = { user: "", secret: match[1] };
-  sessionStorage.setItem("imud.login", JSON.stringify(login));
-  return login;
-}
-
-/** @returns {{ user: string, secret: string } | null} */
-function storedLogin() {
-  const text = sessionStorage.getItem("imud.login");
-  return text === null ? null : JSON.parse(text);
 }

@@ -3,7 +3,8 @@
 // Starts the page: header, connection, and the view that the address names.
 
 import { Alarm } from "./alarm.js";
-import { Link } from "./link.js";
+import { DaemonLink } from "./daemon.js";
+import { isAlone } from "./link.js";
 import { Model } from "./model.js";
 import { Header, tell } from "./header.js";
 import { Lead } from "./lead.js";
@@ -11,6 +12,8 @@ import { Keys } from "./keys.js";
 import { make } from "./dom.js";
 import { ButtonLine } from "./gestures.js";
 import { failed } from "./failed.js";
+import { Alone, NeedsDaemon } from "./usb/alone.js";
+import { UsbLink } from "./usb/link.js";
 import { AimView } from "./views/aim.js";
 import { CalibrateView } from "./views/calibrate.js";
 import { LimbView } from "./views/limb.js";
@@ -30,16 +33,22 @@ import { SignalsView } from "./views/signals.js";
  * void} [adapt] so many frames a second were drawn */
 
 /**
- * Those of one probe restart with another one: nothing of the previous one stays.
- * @type {Record<string, { title: string, make: (model: Model) => View, isOfOne?: true }>}
+ * Those of one probe restart with another one: nothing of the previous one stays. `needs`:
+ * why it is not there without the daemon.
+ * @type {Record<string, { title: string, make: (model: Model) => View, isOfOne?: true, needs?: string }>}
  * */
 export const VIEWS = {
   probe: { title: "Probe", make: (model) => new ProbeView(model), isOfOne: true },
   signals: { title: "Signals", make: (model) => new SignalsView(model) },
-  calibrate: { title: "Calibrate", make: (model) => new CalibrateView(model), isOfOne: true },
+  calibrate: {
+    title: "Calibrate",
+    make: (model) => new CalibrateView(model),
+    isOfOne: true,
+    needs: "The daemon guides a calibration and fits its results",
+  },
   aim: { title: "Aim", make: (model) => new AimView(model) },
   probes: { title: "Probes", make: (model) => new ProbesView(model) },
-  limb: { title: "Limb", make: (model) => new LimbView(model) },
+  limb: { title: "Limb", make: (model) => new LimbView(model), needs: "The daemon joins several probes to a limb" },
 };
 
 // How often the screen's rate is measured, and what the server is asked for: more news
@@ -50,7 +59,7 @@ const NEWS_A_FRAME = 1.5;
 
 class Page {
   constructor() {
-    this.link = new Link();
+    this.link = isAlone ? new UsbLink() : new DaemonLink();
     this.model = new Model(this.link);
     this.alarm = new Alarm(this.model);
     this.main = make("main", { tabindex: "-1" });
@@ -58,6 +67,9 @@ class Page {
     this.lead = new Lead(this.model);
     this.button = new ButtonLine(this.model);
     this.header.lines.append(this.lead.element, this.button.element);
+    if (isAlone) {
+      this.header.lines.append(new Alone(this.model).element);
+    }
     this.keys = new Keys(this.header, () => this.view?.keys ?? {});
     /** @type {View | null} */
     this.view = null;
@@ -118,7 +130,8 @@ class Page {
     this.view = null;
     this.guarded(() => before?.close());
     this.guarded(() => {
-      this.view = VIEWS[this.viewName].make(this.model);
+      const { make: made, needs } = VIEWS[this.viewName];
+      this.view = isAlone && needs ? new NeedsDaemon(title, needs) : made(this.model);
       this.main.replaceChildren(this.view.element);
     });
   }

@@ -2,6 +2,8 @@
 // @ts-check
 // The plots that there are: what each shows, from which history, in which unit.
 
+import { isAlone } from "../link.js";
+
 /**
  * @typedef {object} Plot
  * @property {string} id
@@ -136,4 +138,4 @@ export const PLOTS = [
 ];
 
 /** The plots shown at first. */
-export const FIRST = ["attitude", "sigma", "delay"];
+export const FIRST = ["attitude", "sigma", ...(isAlone ? [] : ["delay"])];

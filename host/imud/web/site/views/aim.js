@@ -14,7 +14,7 @@ import { Reading } from "../aim/reading.js";
 import { chime } from "../sound.js";
 import { Targets } from "../aim/targets.js";
 import { judge, nameOf } from "../aim/target.js";
-import { setOrigin } from "./controls.js";
+import { setOrigin } from "../commands.js";
 import { convention } from "./convention.js";
 
 /** @typedef {import("../model.js").Model} Model */

@@ -3,10 +3,10 @@
 // A way there and back to a mark, step by step with a count-down: the origin is set on the
 // mark, and the daemon closes the path after the second stroke.
 
+import { run, setOrigin } from "../commands.js";
 import { make, mark, say } from "../dom.js";
 import { tell } from "../header.js";
 import { chime } from "../sound.js";
-import { run, setOrigin } from "./controls.js";
 
 /** @typedef {import("../link.js").Line} Line */
 /** @typedef {import("../model.js").Model} Model */

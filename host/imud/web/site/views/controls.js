@@ -3,44 +3,14 @@
 // Commands to the selected probe: each button shows its result.
 
 import { alarmChoice } from "../alarm.js";
+import { run, setOrigin } from "../commands.js";
 import { make, mark, question, say } from "../dom.js";
 import { ButtonForm } from "../gestures.js";
 import { attempt, tell } from "../header.js";
+import { isAlone } from "../link.js";
 import { ThereAndBack } from "./back.js";
 
 /** @typedef {import("../model.js").Model} Model */
-
-/**
- * Sends commands to the selected probe one after the other, and shows their results.
- * @param {Model} model
- * @param {string} what
- * @param {[string, Record<string, string>][]} commands
- */
-export async function run(model, what, commands) {
-  const probe = model.selected;
-  if (!probe || !model.mayCommand) {
-    return;
-  }
-  await attempt(async () => {
-    for (const [command, parameters] of commands) {
-      await model.link.ask(probe, command, parameters);
-    }
-    tell(`${what}: done`);
-  }, what);
-}
-
-/**
- * Sets the origin of the selected probe: "all" of it, or its "heading".
- * @param {Model} model
- * @param {string} what
- */
-export async function setOrigin(model, what) {
-  if (model.probe?.pose?.flags.includes("starting")) {
-    tell("Set origin: wait until the probe has found level and north; an origin set now would be lost", true);
-    return;
-  }
-  await run(model, "Set origin", [["tare", { what }]]);
-}
 
 /** The card with the buttons. */
 export class Controls {
@@ -77,19 +47,19 @@ export class Controls {
     );
     this._confirm = make("dialog", { "aria-label": "Reset calibration" });
     this._name = make("input", { name: "probe-name", maxlength: 60, required: true });
-    this._mag = make("button", { onclick: () => this._setMagnetometer() });
+    this._mag = make("button", { class: "with-daemon", onclick: () => this._setMagnetometer() });
     this._log = make("button", { onclick: () => this._setLog() }, "Stop its log");
     this._gestures = new ButtonForm(model);
     this._back = new ThereAndBack(model);
     const more = make(
       "details",
       {},
-      make("summary", {}, "Name, log, sound, rates, reset"),
+      make("summary", {}, isAlone ? "Sound, rates, filter" : "Name, log, sound, rates, reset"),
       make(
         "div",
         { class: "stack inner" },
         this._makeRename(),
-        make("div", { class: "row" }, this._log),
+        make("div", { class: "row with-daemon" }, this._log),
         alarmChoice(),
         this._rates,
         make(
@@ -99,7 +69,7 @@ export class Controls {
           this._mag,
           make(
             "button",
-            { class: "danger", onclick: () => this._reset() },
+            { class: "danger with-daemon", onclick: () => this._reset() },
             "Reset calibration",
           ),
         ),
@@ -110,7 +80,7 @@ export class Controls {
       { class: "card controls" },
       make("div", { class: "row" }, this._start, this._stop),
       make("div", { class: "row origin" }, set, this._origin, undo),
-      make("div", { class: "row" }, this._button("Close path", "close", {}), this._back.button),
+      make("div", { class: "row with-daemon" }, this._button("Close path", "close", {}), this._back.button),
       this._back.element,
       this._why,
       this._gestures.element,
@@ -184,7 +154,7 @@ export class Controls {
     };
     return make(
       "form",
-      { class: "row end", onsubmit: submit },
+      { class: "row end with-daemon", onsubmit: submit },
       make("label", { class: "field grow" }, "Name", this._name),
       make("button", {}, "Rename"),
     );

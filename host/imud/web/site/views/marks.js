@@ -5,6 +5,7 @@
 import { make, mark, say } from "../dom.js";
 import { fixed } from "../format.js";
 import { attempt } from "../header.js";
+import { isAlone } from "../link.js";
 import { momentOf, timeOf, wordsOf } from "../marks.js";
 import { recorderOf } from "./signals.js";
 
@@ -35,7 +36,7 @@ export class MarksCard {
     this._about = make(
       "p",
       { class: "muted small" },
-      "A value measured at the tip, or a note: it is logged with the current pose.",
+      `A value measured at the tip, or a note: it is ${isAlone ? "kept until this page is closed," : "logged"} with the current pose.`,
     );
     const submit = (/** @type {Event} */ event) => {
       event.preventDefault();

@@ -3,6 +3,8 @@
 // All probes: their state, and the way of their data from the sensor to each sink.
 
 import { make, mark, say } from "../dom.js";
+import { isAlone } from "../link.js";
+import { CheckCard } from "../usb/check.js";
 import { fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { LogList } from "./logs.js";
 import { PortList } from "./ports.js";
@@ -171,6 +173,8 @@ export class ProbesView {
     /** @type {Map<string, Row>} */
     this._rows = new Map();
     this._cards = make("div", { class: "cards" });
+    this._check = isAlone ? new CheckCard(model) : null;
+    this._cards.append(...(this._check ? [this._check.element] : []));
     this._logs = new LogList(model);
     this._ports = new PortList(model);
     this._foot = make("p", { class: "muted small foot" });
@@ -190,6 +194,7 @@ export class ProbesView {
     }
     this._drawnMs = nowMs;
     const { names, page, link } = this._model;
+    this._check?.draw();
     this._logs.draw(nowMs);
     this._ports.draw(nowMs);
     for (const [name, row] of this._rows) {
@@ -206,7 +211,8 @@ export class ProbesView {
       }
       this._rows.get(name)?.draw(nowMs);
     }
-    const where = page.connect ? `connected to ${page.connect}` : "served by the daemon";
+    const served = isAlone ? "without a daemon" : "served by the daemon";
+    const where = page.connect ? `connected to ${page.connect}` : served;
     const left = link.leftOut ? `, ${whole(link.leftOut)} left out for this browser` : "";
     say(this._foot, `imud ${page.imud}, ${where}; ${page.role}${left}`);
   }

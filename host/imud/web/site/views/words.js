@@ -56,7 +56,7 @@ const VOIDS = {
   restarted: "it has restarted",
   params_changed: "its calibration has changed",
   origin_changed: "the origin has changed",
-  unheard: "it was set before the daemon received the probe",
+  unheard: "it was set before the daemon, or this page, received the probe",
 };
 
 /**
