@@ -156,11 +156,8 @@ CHECK_NEEDS = (
     # Bootloaders, for tests that are left out where they are not: tests/bootloaders.py.
     Need("arduino-core-avr", BOOTLOADERS.is_dir),
 )
-# Builds the core for Windows: tools/windows_wheel.py.
-RELEASE_NEEDS = (
-    *BOARD_NEEDS[MPY],  # of which NEWLIB is inside the images of the Pico, too
-    Need("gcc-mingw-w64-x86-64-win32", has("x86_64-w64-mingw32-gcc")),
-)
+# Of which NEWLIB is inside the images of the Pico, too.
+RELEASE_NEEDS = BOARD_NEEDS[MPY]
 
 
 def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:

@@ -222,12 +222,6 @@ class Release:
         (unpacked,) = (self.place / "unpacked").iterdir()
         self.run("imu-probe, wheel", *_build("--wheel"), raw, cwd=unpacked)
         self._repair("imu_probe-")
-        (linux,) = self.dist.glob("imu_probe-*-manylinux*.whl")
-        self.run(
-            "imu-probe, wheel for Windows",
-            *("env", f"PYTHONPATH={self.source / 'host'}", sys.executable),
-            *("tools/windows_wheel.py", linux, self.source, self.dist),
-        )
 
     def add_parts(self) -> None:
         """The parts to print, if `make hardware` has built those of this commit."""
