@@ -123,6 +123,18 @@ class LogFile:
             self._settings.prefix, record, has_foxglove=self._settings.has_foxglove
         )
 
+    def add_like(
+        self, record: Record, payload: bytes, content: bytes, sequence: int, t_ns: int
+    ) -> None:
+        """Adds a message whose topic, hello and params are those of a record before."""
+        prefix, probe, add = (
+            self._settings.prefix,
+            record.probe,
+            self._writer.add_message,
+        )
+        add(self._channels[prefix, probe, record.topic], t_ns, payload, t_ns, sequence)
+        add(self._channels[prefix, probe, FRAME], t_ns, content, t_ns, sequence)
+
     def flush(self) -> None:
         self._writer.flush()
         self.index_size += len(self._channels)

@@ -10,19 +10,27 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
+import multiprocessing
+import signal
+import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, cast
 
+import msgspec
 import numpy as np
 
 from imud.errors import FileError
 from imud.log.file import LogFile, Settings
 from imud.probes.probe import Probe
-from imud.probes.record import Stamp, record_of
+from imud.probes.record import Record, Stamp, record_of
+from imud.probes.scales import Scales
+from imud.progress import Progress
 from imud.recordings import foreign_map, foreign_table
 from imud.recordings.foreign_map import SENSORS, ForeignMap
 from imud.recordings.foreign_text import ForeignTable
@@ -46,6 +54,8 @@ REPEATED_MIN = 0.2  # a share of readings alike that no noise makes
 BESIDE, OFTEN = 8, 5  # values below an extreme, and how many times as often it comes
 SAMPLES_MIN = 20
 LEFT_OUT_MAX = 0.05  # a share of rows
+
+_ENCODER = msgspec.json.Encoder()
 
 
 @dataclass(slots=True)
@@ -93,6 +103,7 @@ class Imported:
     texts: tuple[str, ...]  # columns without numbers
     began_s: float | None  # UTC of the first sample of all, if it is known
     before_us: int = 0  # the last time of the part before
+    end: int = 0  # bytes of the file that were read; 0: not known
 
     @property
     def has_mag(self) -> bool:
@@ -192,6 +203,7 @@ def _part(
         texts=table.texts,
         began_s=None if told.began_s is None else told.began_s + counts.first_s,
         before_us=0 if last is None else int(last.t_us[-1]),
+        end=table.end,
     )
 
 
@@ -307,26 +319,87 @@ def hello_of(found: Imported, probe_id: bytes) -> dict[str, Any]:
     }
 
 
-def write(found: Iterable[Imported], source: Path, log: Path) -> tuple[str, Imported]:
+def write(found: Iterator[Imported], source: Path, log: Path) -> tuple[str, Imported]:
     """Writes the log of all parts; returns the probe's id, made of the file's name and
     the first samples, and the last part. There is no log if that fails.
     """
+    bar = Progress("importing", source.stat().st_size if source.exists() else 0)
     try:
         with log.open("wb") as file:
             out = LogFile(file, Settings())
-            probe, last = _write(found, source, out)
+            probe, last = _write(found, source, out, bar)
             out.finish()
     except BaseException:
         log.unlink(missing_ok=True)
         raise
+    finally:
+        bar.end()
     return probe.probe_id, last
 
 
+def _ahead(path: Path, found: Iterator[Imported]) -> Iterator[Imported]:
+    """The same parts: those behind the first are read by another process, while this
+    one writes.
+    """
+    yield from itertools.islice(found, 1)
+    if sys.platform != "linux":
+        yield from found
+        return
+    fork = multiprocessing.get_context("fork")  # what is read from stays open in it
+    here, there = fork.Pipe(duplex=False)
+    reader = fork.Process(target=_send, args=(found, there), daemon=True)
+    reader.start()
+    there.close()
+    try:
+        while (part := here.recv()) is not None:
+            if isinstance(part, FileError):
+                raise part
+            yield part
+    except EOFError as error:
+        raise FileError(f"{path}: the process that read it was ended") from error
+    finally:
+        reader.kill()
+        reader.join()
+
+
+def _send(found: Iterator[Imported], to: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other one ends both
+    try:
+        for part in found:
+            to.send(part)
+        to.send(None)
+    except FileError as error:
+        to.send(error)
+
+
+class _Raws:
+    """Writes samples behind a first one, whose record differs in a few values."""
+
+    def __init__(self, first: Record, scales: Scales, out: LogFile) -> None:
+        self._first, self._scales, self._out = first, scales, out
+        self._values = dict(first.values)
+
+    def add(
+        self, raw: Message, content: bytes, number: int, t_us: int, t_ns: int
+    ) -> None:
+        fields, values = raw.fields, self._values
+        values["seq"], values["number"] = raw.sequence, number
+        values["t_device_us"], values["t_ns"] = t_us, t_ns
+        measured = self._scales.measure(content)
+        values["acc_m_s2"], values["gyr_rad_s"], values["mag_uT"] = measured
+        values["acc_counts"], values["gyr_counts"] = fields["acc"], fields["gyr"]
+        values["mag_counts"], values["flags"] = fields["mag"], fields["sample_flags"]
+        self._out.add_like(
+            self._first, _ENCODER.encode(values), content, raw.sequence, t_ns
+        )
+
+
 def _write(
-    found: Iterable[Imported], source: Path, out: LogFile
+    found: Iterator[Imported], source: Path, out: LogFile, bar: Progress
 ) -> tuple[Probe, Imported]:
     sent, numbers, probe, hello = 0, Counter[str](), None, dict[str, Any]()
-    for part in found:
+    samples: _Raws | None = None
+    for part in _ahead(source, found):
         if probe is None:
             digest = hashlib.sha256(source.name.encode())
             for rows in (part.t_us, part.acc, part.gyr):
@@ -338,12 +411,18 @@ def _write(
             started_ns = 1000 * (round(1e6 * part.began_s) - FIRST_US)
         for t_us, content in contents(part, hello, sent):
             message = cast(Message, messages.decode(content))
-            probe.update(message, content)
+            number = numbers[message.name] = numbers[message.name] + 1
             sent += 1
-            numbers[message.name] += 1
             t_ns = max(0, 1000 * t_us + started_ns)
-            stamp = Stamp(numbers[message.name], 0, t_us, t_ns, None, t_ns)
-            out.add(record_of(message, content, probe.probe_id, stamp, probe.scales))
+            if message.name == "raw" and samples is not None:
+                samples.add(message, content, number, t_us, t_ns)
+                continue
+            probe.update(message, content)
+            stamp, scales = Stamp(number, 0, t_us, t_ns, None, t_ns), probe.scales
+            record = record_of(message, content, probe.probe_id, stamp, scales)
+            out.add(record)
+            samples = _Raws(record, scales, out) if message.name == "raw" else None
+        bar.update(part.end)
     if probe is None:
         raise FileError(f"{source}: no rows could be written")
     return probe, part

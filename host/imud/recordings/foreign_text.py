@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TextIO, cast
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from imud.rotation import FloatArray
 
 LINE_MAX = 65536  # characters of a line
 BLOCK = 4096  # lines that are read at once
-PART = 400_000  # lines of a table, so that memory does not grow with the file
+PART = 200_000  # lines of a table, so that memory does not grow with the file
 HEAD = 200  # lines by which the form is found: names, and rows below
 SAMPLE = 50  # of them, the last ones, which are rows
 MISSING = frozenset({"", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"})
@@ -59,6 +59,7 @@ class ForeignTable:
     why: str = ""  # about the first of them
     texts: tuple[str, ...] = ()  # columns that hold no numbers
     has_more: bool = False  # rows, in tables that follow
+    end: int = 0  # bytes of the file that were read; 0: not known
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -122,7 +123,8 @@ def read_text(path: Path, only: Mapping[str, str]) -> Iterator[ForeignTable]:
                 has_more = bool(ahead)
                 if not has_more:
                     choice.check()
-                yield replace(table, has_more=has_more)
+                end = 0 if is_packed(path) else cast(TextIO, file).buffer.tell()
+                yield replace(table, has_more=has_more, end=end)
     except (EOFError, zlib.error) as error:
         raise FileError(f"{path}: not a whole .gz: {error}") from error
 

@@ -6,10 +6,14 @@ they can't be true; the same in a long file, which is read in parts.
 from __future__ import annotations
 
 import csv
+import itertools
 import json
+import os
 import re
+import signal
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -18,9 +22,13 @@ from foreign_csv import EVEN, lines, motion_with, named
 from imud import cli
 from imud.errors import FileError
 from imud.log.reader import Logged, salvage
+from imud.probes.probe import Probe
+from imud.probes.record import Stamp, describe
 from imud.recordings import foreign_log, foreign_text
 from imud.recordings.foreign_map import ForeignMap
 from imud.rotation import FloatArray
+from imud.wire import messages
+from imud.wire.messages import Message
 
 Said = pytest.CaptureFixture[str]
 PARTS = pytest.mark.parametrize("part", [foreign_text.PART, 700])  # lines
@@ -52,6 +60,42 @@ def test_a_long_file_is_read_in_parts_as_if_in_one(
             assert one[key] == other[key]
         assert one["acc_m_s2"] == pytest.approx(other["acc_m_s2"], abs=0.005)
         assert one["gyr_rad_s"] == pytest.approx(other["gyr_rad_s"], abs=0.001)
+
+
+@pytest.mark.parametrize("end", ["was ended", "its rows are bad"])
+def test_a_file_that_can_not_be_read_on_leaves_no_log(
+    end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(foreign_text, "PART", 700)
+    path, log = motion_with(tmp_path / "a.csv", EVEN), tmp_path / "a.mcap"
+    this = os.getpid()
+
+    def parts() -> Iterator[foreign_log.Imported]:
+        yield from itertools.islice(foreign_log.parts(path), 2)
+        if end == "was ended" and os.getpid() != this:
+            os.kill(os.getpid(), signal.SIGKILL)
+        raise FileError(end)
+
+    with pytest.raises(FileError, match=end):
+        foreign_log.write(parts(), path, log)
+    assert not log.exists()
+
+
+def test_a_sample_is_told_as_its_frame_tells_it(tmp_path: Path) -> None:
+    log = tmp_path / "a.mcap"
+    foreign_log.write(
+        foreign_log.parts(motion_with(tmp_path / "a.csv", EVEN)), log, log
+    )
+    frames = [e for e in salvage(log) if isinstance(e, Logged) and e.topic == "frame"]
+    probe, told = Probe(frames[0].probe), list[dict[str, Any]]()
+    for frame in frames:
+        message = cast(Message, messages.decode(frame.data))
+        probe.update(message, frame.data)
+        if message.name == "raw":
+            number, t_ns = 1 + len(told), frame.t_ns
+            stamp = Stamp(number, 0, t_ns // 1000, t_ns, None, t_ns)
+            told.append(describe(message, frame.data, frame.probe, stamp, probe.scales))
+    assert json.loads(json.dumps(told)) == raws_of(log)
 
 
 @pytest.mark.parametrize(
