@@ -6,9 +6,10 @@ from __future__ import annotations
 import contextlib
 import csv
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -113,6 +114,7 @@ _HEAD = (
     *("t_device_us", "seq", "number", "missing"),
 )
 _TWIN = _columns(published.Twin)
+_PLACES = ("path_m", "closed_m", "closed_sigma_m")
 
 # Of each topic: a key of the JSON, and its columns, in order.
 COLUMNS: dict[str, dict[str, Column]] = {
@@ -120,6 +122,12 @@ COLUMNS: dict[str, dict[str, Column]] = {
     "raw": _columns(published.Raw, *_HEAD),
     "event": _columns(published.Event, *_HEAD),
     "stroke": _columns(published.Stroke, *_HEAD),
+    # A closed path: a row for each of its places.
+    "path": {
+        **_columns(published.Path, "t_ns", "time_utc"),
+        **_named(_integer, "stroke"),
+        **{key: Column(parts_of(key, "xyz"), _number) for key in _PLACES},
+    },
     "command": _columns(published.Command, "t_ns", "time_utc"),
     "mark": _columns(published.Mark, "t_ns", "time_utc"),
     # The parts of a status that are numbers at each moment.
@@ -369,7 +377,8 @@ def _export(
                     files.append(directory / name)
                     found = _Objects(item.topic, table)
                     tables[item.probe, item.topic] = found
-                found.add(fields)
+                for row in _rows_of(fields) if item.topic == "path" else (fields,):
+                    found.add(row)
             for found in tables.values():
                 found.write()
             is_done = True
@@ -399,6 +408,13 @@ def _fields_of(item: Logged) -> dict[str, Any] | None:
     with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
         return msgspec.json.decode(item.data, type=dict[str, Any])
     return None
+
+
+def _rows_of(path: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The places of a closed path, one by one."""
+    places = [v if isinstance(v := path.get(key), list) else [] for key in _PLACES]
+    for number, each in enumerate(zip_longest(*places), 1):
+        yield path | {"stroke": number} | dict(zip(_PLACES, each, strict=True))
 
 
 def _printable(name: str) -> str:

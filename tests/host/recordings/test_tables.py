@@ -108,9 +108,12 @@ def test_several_logs_and_what_the_daemon_says_of_probes_become_tables(
     twin = {"type": "twin", **head, "state": "differs", "compared": 5, "differed": 1}
     log = {"type": "log", **head, "state": "paused", "reason": "full", "dropped": 2}
     clock = {"type": "clock", **head, "step_ns": -4, "timeline": 1, "reason": "set"}
+    far, back = [0.1, 0.0, 0.0], [0.01, 0.0, 0.0]
+    closed = {"path_m": [far, back], "closed_m": None, "closed_sigma_m": None}
+    ways = {"type": "path", **head, "by": "button", "strokes": 2, "off_m": back}
     put = [
         Record("left", str(each["type"]), json.dumps(each).encode(), b"", 0, 7, 7)
-        for each in (status, twin, log, clock)
+        for each in (status, twin, log, clock, ways | closed)
     ]
     whole = write(tmp_path / "a", put)
     cut = write(tmp_path / "b", records(40), records(40))
@@ -126,6 +129,10 @@ def test_several_logs_and_what_the_daemon_says_of_probes_become_tables(
             f"imud: can't read {none}: No such file or directory",
         ]
         assert f"{out / f'cut-left-pose.{kind}'}: 62 rows" in captured.out
+    rows = parquet.read_table(out / f"{whole.stem}-left-path.parquet").to_pylist()
+    assert [row["stroke"] for row in rows] == [1, 2]
+    assert [row["path_x_m"] for row in rows] == [0.1, 0.01]
+    assert {(row["closed_x_m"], row["off_x_m"]) for row in rows} == {(None, 0.01)}
     (row,) = parquet.read_table(out / f"{whole.stem}-left-status.parquet").to_pylist()
     assert (row["t_ns"], row["state"], row["pose_rate_hz"]) == (7, "streaming", 99.5)
     assert (row["ledger_sent"], row["ledger_lost"]) == (12, 1)
