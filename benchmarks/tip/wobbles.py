@@ -47,6 +47,8 @@ SIGMAS = {"calibrated": (0.0075, 0.0005), "gyroscope not": (0.0075, None), "raw"
 
 # It leans on something and is held for so long before; no guide waits longer.
 USUAL = Wobble(still_s=2.0, pause_s=2.0, wobble_s=60.0)
+IN_HAND = replace(USUAL, support="hand")
+CHIPS_QUIET = ("MPU-9250", "LSM6DSOX", "LSM6DSV")
 BEFORE_S = USUAL.still_s + USUAL.pause_s
 LONGEST_S = BEFORE_S + tip_guide.LONGEST_S + 1.0
 ENDED_S = BEFORE_S + 22.0  # hands of all kinds then press Enter
@@ -62,6 +64,7 @@ class Case:
     runs: int
     wobble: Wobble | None = None
     module: str = "calibrated"
+    chip: str = "BROAD"  # whose noise it has
 
 
 CROWD = "of all kinds"
@@ -77,6 +80,12 @@ CASES = (
     Case("base gives by 3 %", 10, replace(USUAL, give=0.03)),
     Case("gyroscope not calibrated", 10, USUAL, "gyroscope not"),
     Case("raw module", 10, USUAL, "raw"),
+    # A hand that trembles as real ones in the air; the others rest on paper.
+    *(
+        Case(f"{deg} degrees, hand", 25, replace(IN_HAND, swing_deg=float(deg)))
+        for deg in (20, 25)
+    ),
+    *(Case(f"25 degrees, {chip}", 25, USUAL, chip=chip) for chip in CHIPS_QUIET),
 )
 GOOD = tuple(case.name for case in CASES[:4])
 
@@ -135,7 +144,8 @@ def motion_of(
     tip = random.uniform(0.08, 0.2) * units(np.array([1.0, *random.normal(0, 0.2, 2)]))
     hand = DimplingHand(random, RECORDS_HZ, wobble, tip)
     exact = next(hand.pieces(World(tip_m=tuple(tip)), seconds))
-    return module_of(case.module, random).measures(exact, random), tip, wobble
+    module = module_of(case.module, random, chip=case.chip)
+    return module.measures(exact, random), tip, wobble
 
 
 def samples_of(felt: Motion, chip: feed.Chip) -> tuple[Scale, list[Sample]]:
