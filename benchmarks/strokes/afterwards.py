@@ -15,7 +15,8 @@ import numpy as np
 from benchmarks import harness
 from benchmarks.common import feed
 from benchmarks.harness import Figure, Report, Table
-from benchmarks.strokes.on_host import STROKES, row_of
+from benchmarks.strokes import on_host
+from benchmarks.strokes.on_host import row_of
 from benchmarks.strokes.runs import (
     Case,
     Found,
@@ -38,8 +39,9 @@ from imud.refine.whole import parts_of
 NAMES = (
     *("supported, 1 s", "supported, 2 s", "between rests, 2 s"),
     *("on paper, 2 s", "free air, 1 s", "free air, 2 s", "raw module, 2 s"),
+    *("hand, 1 s", "hand, 2 s"),
 )
-CASES = [case for case in STROKES if case.name in NAMES]
+CASES = [case for case in on_host.CASES if case.name in NAMES]
 FREE = "free air, 2 s"
 Task = tuple[Case, int]
 
@@ -129,7 +131,7 @@ def measured(args: argparse.Namespace) -> Report:
     cases = [case for case in CASES if args.only in case.name]
     rows, figures = [], []
     for case in cases:
-        seeds = harness.seeds_of(args, 1000 * STROKES.index(case))
+        seeds = harness.seeds_of(args, 1000 * on_host.CASES.index(case))
         tasks: list[Task] = [(case, seed) for seed in seeds]
         pairs = [*harness.each(measure, tasks, args.jobs, case.name)]
         rows.append(cells(case, pairs))
