@@ -47,11 +47,33 @@ START = """\
  */
 /** @typedef {{ number: number, usage: string, arguments: Argument[] }} Command */
 """
+# Of tables whose keys TypeScript should not take for all that there are.
+TYPES = {
+    "MESSAGES": "Record<string, Kind>",
+    "RECORDS": "Record<string, Kind>",
+    "PUBLISHED": "Record<string, Record<string, string>>",
+    "COMMANDS": "Record<string, Command>",
+    "STROKE_ADVICE": "Record<string, string>",
+    "SUPPLY_MV": "Record<string, number[]>",
+}
 
 
 def module(schema: Schema, structs: Iterable[Struct]) -> str:
     """The text of the page's usb/wire.js."""
-    words: dict[str, object] = {
+    wired = {s.topic: {r.name: r.wire for r in s.rows if r.wire} for s in structs}
+    messages = {m.id: _kind(m.name, m.fields, schema) for m in schema.messages}
+    tables: dict[str, object] = {
+        "FINGERPRINT": schema.fingerprint,
+        "SEED": schema.seed,
+        "HELLO_SEED": HELLO_SEED,
+        "MESSAGES": messages,
+        "RECORDS": {r.tag: _kind(r.name, r.parts, schema) for r in schema.records},
+        "PUBLISHED": {topic: names for topic, names in wired.items() if names},
+        "COMMANDS": {
+            name: _command(COMMANDS[name], number)
+            for name, number in schema.enums["command"].items()
+            if name in COMMANDS and not COMMANDS[name].by_daemon
+        },
         "STROKE_ADVICE": _constant("probes/record.py", "STROKE_ADVICE"),
         "WITHHELD": {"tilt": withheld.OF_TILT, "heading": withheld.OF_HEADING},
         "NO_ERRORS": withheld.NO_ERRORS,
@@ -60,54 +82,21 @@ def module(schema: Schema, structs: Iterable[Struct]) -> str:
         "WARM_DEGC": limits.WARM_DEGC,
         "SPECIFIED_DEGC": limits.SPECIFIED_DEGC,
     }
-    messages = [(each.id, each.name, each.fields) for each in schema.messages]
-    records = [(each.tag, each.name, each.parts) for each in schema.records]
-    lines = [
-        START,
-        f"export const FINGERPRINT = {schema.fingerprint};",
-        f"export const SEED = {schema.seed};",
-        f"export const HELLO_SEED = {HELLO_SEED};",
-        "",
-        "/** @type {Record<number, Kind>} */",
-        *_kinds("MESSAGES", messages, schema),
-        "",
-        "/** @type {Record<number, Kind>} */",
-        *_kinds("RECORDS", records, schema),
-        "",
-        "/** Fields of messages, by the names that they are published by. */",
-        "/** @type {Record<string, Record<string, string>>} */",
-        "export const PUBLISHED = {",
-        *(
-            f"  {struct.topic}: {_js({row.name: row.wire for row in wired})},"
-            for struct in structs
-            if (wired := [row for row in struct.rows if row.wire])
-        ),
-        "};",
-        "",
-        "/** Commands that a probe carries out by itself. */",
-        "/** @type {Record<string, Command>} */",
-        "export const COMMANDS = {",
-        *(
-            f"  {name}: {_js(_command(COMMANDS[name], number))},"
-            for name, number in schema.enums["command"].items()
-            if name in COMMANDS and not COMMANDS[name].by_daemon
-        ),
-        "};",
-        "",
-        *(f"export const {name} = {_js(value)};" for name, value in words.items()),
-    ]
-    return "".join(f"{line}\n" for line in lines)
+    return START + "".join(_table(name, value) for name, value in tables.items())
 
 
-def _kinds(
-    name: str, rows: Iterable[tuple[int, str, Iterable[Field]]], schema: Schema
-) -> Iterable[str]:
-    yield f"export const {name} = {{"
-    for key, called, fields in rows:
-        yield f'  {key}: {{ name: "{called}", fields: ['
-        yield from (f"    {_js(_field(field, schema))}," for field in fields)
-        yield "  ] },"
-    yield "};"
+def _table(name: str, value: object) -> str:
+    """A constant; an object with a line for each of its keys."""
+    kind = f"/** @type {{{TYPES[name]}}} */\n" if name in TYPES else ""
+    text = json.dumps(value)
+    if isinstance(value, dict):
+        rows = (f'  "{key}": {json.dumps(each)},\n' for key, each in value.items())
+        text = f"{{\n{''.join(rows)}}}"
+    return f"\n{kind}export const {name} = {text};\n"
+
+
+def _kind(name: str, fields: Iterable[Field], schema: Schema) -> dict[str, Any]:
+    return {"name": name, "fields": [_field(field, schema) for field in fields]}
 
 
 def _field(field: Field, schema: Schema) -> dict[str, Any]:
@@ -151,7 +140,3 @@ def _constant(file: str, name: str) -> Mapping[str, str]:
             found: Mapping[str, str] = ast.literal_eval(node.value)
             return found
     raise LookupError(f"{file} has no {name}")
-
-
-def _js(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False)

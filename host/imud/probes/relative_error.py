@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The error of a pose relative to an earlier one, from what the probe did meanwhile.
 Much of what makes a pose wrong stays the same, and is not in it. The equations were
-found on simulated motions: docs/pose.md, benchmarks/honesty/since_origin.py.
+found on simulated motions: docs/pose.md, benchmarks/honesty/since_origin.py. A page
+without a daemon has them, and those of references.py, in web/site/usb/since.js.
 """
 
 from __future__ import annotations

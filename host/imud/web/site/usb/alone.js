@@ -55,7 +55,7 @@ export class Alone {
         make("summary", {}, PROMISE),
         make(
           "div",
-          { class: "alone-about" },
+          { class: "alone-about", tabindex: "0", role: "region", "aria-label": "Without a daemon" },
           make("section", {}, make("h2", {}, "Needs the daemon (imud run)"), make("dl", { class: "result" }, ...lacks)),
           make(
             "section",

@@ -2,7 +2,7 @@
 // @ts-check
 // Those verdicts of `imud check` that a status tells: no motion, no spectra, no clock.
 
-import { make } from "../dom.js";
+import { make, scrolling } from "../dom.js";
 import { SPECIFIED_DEGC, SUPPLY_MV, WARM_DEGC } from "./wire.js";
 
 /** @typedef {[name: string, measured: string, normal: string, verdict: string, advice?: string]} Row */
@@ -10,7 +10,6 @@ import { SPECIFIED_DEGC, SUPPLY_MV, WARM_DEGC } from "./wire.js";
 const [GOOD, SKIPPED, LOOK, FAULT] = ["good", "not judged", "look at this", "fault"];
 const KINDS = /** @type {Record<string, string>} */ ({ [GOOD]: "good", [LOOK]: "warn", [FAULT]: "bad" });
 const SLOW = 0.9; // of the wanted rate
-const HEADS = ["", "measured", "normal", "verdict"].map((text) => make("th", { scope: "col" }, text));
 
 /**
  * Good up to one limit, a fault beyond the other.
@@ -37,7 +36,7 @@ export function rowsOf({ ledger, hello, counters, sensors, pose_rate_hz: rate, s
   const isFast = rate >= SLOW * wanted;
   const isTested = hello.self_test.some((/** @type {string} */ flag) => /_(passed|failed)$/.test(flag));
   const tested = isTested ? hello.self_test.join(", ").replaceAll("_", " ") : "judged by imud check alone";
-  const [low, high, least] = /** @type {Record<string, number[]>} */ (SUPPLY_MV)[hello.board] ?? [0, Infinity, 0];
+  const [low, high, least] = SUPPLY_MV[hello.board] ?? [0, Infinity, 0];
   const causes = hello.reset_cause.join(" and ").replaceAll("_", " ") || "unknown cause";
   const isLossy = lost + corrupt > 0;
   return [
@@ -63,7 +62,7 @@ export class CheckCard {
       "div",
       { class: "card", hidden: true, "data-part": "check" },
       make("h2", {}, "Check"),
-      make("table", {}, make("thead", {}, make("tr", {}, ...HEADS)), this._rows),
+      scrolling("Check", ["checked", "measured", "normal", "verdict"], this._rows),
       make("p", { class: "muted small" }, "What the probe says of itself. imud check also has it moved, and judges noise, axes, clock and field."),
     );
   }

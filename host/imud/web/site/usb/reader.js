@@ -200,7 +200,7 @@ export class Reader {
       const ofAxes = (/** @type {number[] | null} */ sigma) => sigma && [sigma[0], sigma[0], sigma[1]];
       line.displacement_sigma_m = ofAxes(fields.displacement_sigma);
       line.path_sigma_m = ofAxes(fields.path_sigma);
-      line.advice = /** @type {Record<string, string>} */ (STROKE_ADVICE)[fields.end] ?? null;
+      line.advice = STROKE_ADVICE[fields.end] ?? null;
       this.pathSigma = fields.end === "running" ? this.pathSigma : line.path_sigma_m;
     } else if (name === "event") {
       this._onEvent(fields, stamp.t_device_us);
