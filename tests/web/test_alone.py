@@ -6,7 +6,9 @@ the host decodes, its tasks end well, and it keeps nothing and asks nobody.
 from __future__ import annotations
 
 import csv
+import json
 import math
+import tomllib
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,13 +21,16 @@ from playwright.sync_api import Browser
 from demanded import leave_out
 from fakes import FakeProbe
 from imud.params.value import Params
-from imud.probes.record import describe
+from imud.probes import record
 from imud.probes.session import Probe, Received, Session
 from imud.virtual.boards import PICO as VIRTUAL_PICO
+from imud.wire.frame import encode_frame
+from imud.wire.messages import HELLO_ID, Message, decode
 from imud.wire.params import messages_of
 from length import choose
 from system.virtual import NANO, PICO, Stub, run, send, write_hand
 from web.alone import Alone, alone
+from web.served import Served
 
 ROOT = Path(__file__).resolve().parents[2]
 CHUNK = 1 << 14
@@ -109,7 +114,7 @@ def decoded(data: bytes) -> tuple[Probe, list[dict[str, Any]]]:
             if isinstance(event, Received) and event.message.name in TOPICS:
                 probe, message = event.probe, event.message
                 about = probe.probe_id, event.stamp, event.scales, probe.references
-                found.append(describe(message, event.content, *about))
+                found.append(record.describe(message, event.content, *about))
     return next(iter(probes.values())), found
 
 
@@ -197,6 +202,44 @@ def test_a_damaged_stream_is_read_as_the_host_does(
     errors = [pose["since_origin"] for pose in poses if pose["since_origin"]]
     assert {each["void"] for each in errors} == {None, "pause", "gap", "starting"}
     assert sum(each["heading_sigma_deg"] is not None for each in errors) > 300
+
+
+DECODE = """async (frames) => {
+  const { decode, FrameDecoder } = await import("/usb/frames.js");
+  return frames.map((frame) => {
+    const [content] = new FrameDecoder().feed(Uint8Array.from(frame));
+    return content && (decode(content)?.fields ?? null);
+  });
+}"""
+
+
+def test_vectors_and_damaged_contents_are_judged_as_on_the_host(
+    browser: Browser, served: Served
+) -> None:
+    vectors = tomllib.loads((ROOT / "protocol" / "vectors.toml").read_text())
+    good = [bytes.fromhex(each["content"]) for each in vectors["good"]]
+    contents = [*good]
+    chance = np.random.default_rng(7)
+    for content in good:
+        for _ in range(40):
+            other = bytearray(content)
+            other[chance.integers(9, len(other))] ^= 1 << int(chance.integers(8))
+            contents += [bytes(other), content[: chance.integers(1, len(content))]]
+    # Of a hello of another schema the page only needs to know that.
+    contents = [each for each in contents if each and each[0] != HELLO_ID]
+    page = browser.new_page()
+    page.goto(served.page.url)
+    found = page.evaluate(DECODE, [[*encode_frame(each)] for each in contents])
+    page.close()
+    wanted = [decode(each) for each in contents]
+    for is_, should in zip(found, wanted, strict=True):
+        is_good = isinstance(should, Message) and should.name != "command"
+        assert is_ == (in_json(should.fields) if is_good else None)
+    assert sum(each is not None for each in found) > 200 < found.count(None)
+
+
+def in_json(fields: Mapping[str, Any]) -> Any:
+    return json.loads(json.dumps({n: record.plain(v) for n, v in fields.items()}))
 
 
 # What the page asks of the probe ends well, without a daemon.

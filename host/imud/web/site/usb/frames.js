@@ -129,7 +129,7 @@ export function valueOf(field, view, at) {
  */
 export function decode(content) {
   const kind = MESSAGES[content[0]];
-  if (kind === undefined || content.length < HEADER) {
+  if (kind === undefined || kind.name === "command" || content.length < HEADER) {
     return null;
   }
   const view = new DataView(content.buffer, content.byteOffset, content.length);
