@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,6 @@ from imud.check import limits
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, graded, skipped, worst
 from imud.gravity import GRAVITY_M_S2
-from imud.params.condition import TITLES
 from imud.probes.chip import Chip, chip_of
 from imud.probes.self_test import AXES
 from imud.rotation import FloatArray
@@ -159,9 +159,12 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
         )
         return
     chip = chip_of(evidence.hello)
-    yield _noise("gyroscope noise", rest.gyr_noise_dps, chip.gyr_noise_dps, "deg/s", 3)
-    yield _noise("accelerometer noise", rest.acc_noise_mg, chip.acc_noise_mg, "mg", 1)
-    yield from _louder(evidence, rest)
+    for name, noise, limit, unit, digits in (
+        ("gyroscope", rest.gyr_noise_dps, chip.gyr_noise_dps, "deg/s", 3),
+        ("accelerometer", rest.acc_noise_mg, chip.acc_noise_mg, "mg", 1),
+    ):
+        times = _times(evidence, rest, name[:3])
+        yield _noise(f"{name} noise", noise, limit, unit, digits, times)
     yield _gyr_offset(rest, chip)
     yield _acc_offset(rest, chip)
 
@@ -172,7 +175,14 @@ def _axes(values: FloatArray, digits: int) -> str:
     )
 
 
-def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -> Row:
+def _noise(
+    name: str,
+    noise: FloatArray,
+    limit: float,
+    unit: str,
+    digits: int,
+    times: float | None,
+) -> Row:
     verdicts = [
         graded(value / limit, NOISE_GOOD, NOISE_FAULT) for value in noise.tolist()
     ]
@@ -187,36 +197,25 @@ def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -
             "supply lacks capacitors, or the chip is bad"
         )
     measured = f"{_axes(noise, digits)} {unit} rms"
+    numbers: dict[str, Any] = {"rms": _rounded(noise)}
+    if times is not None:
+        measured += f", {times:.1f} times that of its calibration"
+        numbers["times"] = round(times, 3)
+        if times > LOUDER:
+            verdict = worst((verdict, RowVerdict.LOOK))
+            advice = advice or (
+                f"it is {times:.1f} times as noisy as when it was calibrated: the "
+                "table shakes, a contact is loose, or this is another module"
+            )
     normal = f"{limit:g} {unit} rms, up to {limit * NOISE_GOOD:g} is good"
-    return Row(name, measured, normal, verdict, advice, {"rms": _rounded(noise)})
+    return Row(name, measured, normal, verdict, advice, numbers)
 
 
-def _louder(evidence: Evidence, rest: RestReadings) -> Iterator[Row]:
-    """Against the noise that the params have of the calibration; of others no row."""
-    known = parts_of(evidence.params or b"").get("noise", {})
-    times = {
-        TITLES[name]: now / then
-        for name, now in rest.densities.items()
-        if now and isinstance(then := known.get(name), float) and then > 0.0
-    }
-    if not times:
-        return
-    name = max(times, key=lambda each: times[each])
-    advice = ""
-    if times[name] > LOUDER:
-        advice = (
-            f"the {name} is {times[name]:.1f} times as noisy as when it was "
-            "calibrated: the table shakes, a contact is loose, or this is another "
-            "module; imud calibrate measures it again"
-        )
-    yield Row(
-        "noise since calibration",
-        ", ".join(f"{each} {value:.1f} times" for each, value in times.items()),
-        f"up to {LOUDER:g} times",
-        RowVerdict.LOOK if advice else RowVerdict.GOOD,
-        advice,
-        {"times": {each: round(value, 3) for each, value in times.items()}},
-    )
+def _times(evidence: Evidence, rest: RestReadings, name: str) -> float | None:
+    """Its noise against that of its calibration, by the params; None: not known."""
+    then = parts_of(evidence.params or b"").get("noise", {}).get(name)
+    now = rest.densities.get(name)
+    return now / then if now and isinstance(then, float) and then > 0.0 else None
 
 
 def _gyr_offset(rest: RestReadings, chip: Chip) -> Row:
