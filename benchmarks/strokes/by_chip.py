@@ -158,28 +158,22 @@ def tables_of(
     ways: Sequence[Sequence[object]],
 ) -> list[Table]:
     rows = [
-        [
-            case.name,
-            *(
-                "{:.2f}, {:.0f} %, {:.2f}".format(*cells[case.name, c])
-                for c in DENSITIES
-            ),
-        ]
+        [case.name, *(CELL.format(*cells[case.name, chip]) for chip in DENSITIES)]
         for case in (*CASES, *QUIET)
     ]
-    way = dict(
-        zip(("under 1 cm", "median", "inside", "stated / true"), FORMATS, strict=True)
-    )
-    columns = {"case": "", "chip": ""}
-    columns |= {f"one way: {name}": each for name, each in way.items()}
-    columns |= {f"and back: {name}": each for name, each in way.items()}
+    forms = {
+        f"{way}: {name}": form
+        for way in ("one way", "and back")
+        for name, form in WAY.items()
+    }
     return [
         Table("chips", {"case": ""} | dict.fromkeys(DENSITIES, ""), rows),
-        Table("back", columns, ways),
+        Table("back", {"case": "", "chip": ""} | forms, ways),
     ]
 
 
-FORMATS = (".1f", ".2f", ".0f", ".2f")
+CELL = "{:.2f}, {:.0f} %, {:.2f}"
+WAY = {"under 1 cm": ".1f", "median": ".2f", "inside": ".0f", "stated / true": ".2f"}
 
 # Twenty runs of eight strokes, a case and a chip.
 main = partial(

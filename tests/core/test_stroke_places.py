@@ -133,13 +133,6 @@ def test_a_tip_that_is_set_again_keeps_the_place_and_another_does_not(
     assert list(tracker.pose().position) == [NULL] * 3
 
 
-def test_a_path_without_a_tip_is_that_of_the_sensor(single: Measured) -> None:
-    tracker, start = placed(single)
-    strokes, _ = tracker.feel(single.samples[start:], single.held()[start:])
-    (stroke,) = ends(strokes)
-    assert stroke["path"].tolist() == stroke["displacement"].tolist()
-
-
 def test_a_moving_tip_has_another_place_in_each_pose(single: Measured) -> None:
     """Between two windows of 20 samples it continues as fast as in the last one."""
     tracker, start = placed(single, tip_um=(0, 0, 0))

@@ -157,33 +157,34 @@ def test_a_restart_in_the_midst_forgets_the_stroke(single: Measured) -> None:
     assert len(strokes) == 0
 
 
-def test_a_lost_magnetometer_changes_no_length(single: Measured) -> None:
-    samples = single.samples.copy()
-    whole, _ = Tracker(is_by_button=True).feel(samples, single.held())
-    samples["has_mag"][at(single, 0.3) :] = False
-    strokes, _ = Tracker(is_by_button=True).feel(samples, single.held())
-    assert names(strokes) == [BUTTON]
-    lengths = [np.linalg.norm(each["displacement"][-1]) for each in (whole, strokes)]
-    assert abs(lengths[0] - lengths[1]) * MICRO < 0.001
-
-
 # The button.
 
 
-def test_a_click_is_no_stroke(single: Measured) -> None:
-    held = np.zeros(len(single.samples), bool)
-    held[at(single, -0.5) : at(single, -0.3)] = True
-    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    assert len(strokes) == 0
+NEAR, MOVING = lib.STROKE_END_TOO_NEAR, lib.STROKE_END_MOVING
 
 
-def test_a_release_that_bounces_does_not_end_the_stroke(single: Measured) -> None:
-    held = single.held()
-    held[at(single, 0.5) : at(single, 0.52)] = False
+@pytest.mark.parametrize(
+    ("pressed", "told"),
+    [
+        ([(-0.5, -0.3)], []),  # a click
+        ([(0.0, 0.5), (0.52, 1.1)], [BUTTON]),  # it bounces
+        ([(0.0, 0.5), (0.62, 1.1)], [NEAR, MOVING]),
+        ([(0.0, 0.5), (0.7, 1.1)], [NEAR, MOVING]),
+        ([(0.0, 0.5), (0.65, 0.7)], [NEAR]),  # let go at once
+    ],
+)
+def test_presses_are_told_apart(
+    single: Measured, pressed: list[tuple[float, float]], told: list[int]
+) -> None:
+    spans = [(at(single, begin), at(single, end)) for begin, end in pressed]
     tracker = Tracker(is_by_button=True)
-    strokes, _ = tracker.feel(single.samples, held)
-    assert names(strokes) == [BUTTON]
-    assert np.linalg.norm(desk.errors(tracker, single, strokes)) < 0.006
+    strokes, _ = tracker.feel(single.samples, held_for(len(single.samples), *spans))
+    found = ends(strokes)
+    assert names(strokes) == told
+    assert found["stroke"].tolist() == list(range(1, len(told) + 1))
+    assert (found["displacement"][found["end"] == NEAR] == NULL).all()
+    if told == [BUTTON]:
+        assert np.linalg.norm(desk.errors(tracker, single, strokes)) < 0.006
 
 
 # Presses that measure nothing say why.
@@ -221,29 +222,6 @@ def test_a_press_at_which_samples_are_missing_says_so(single: Measured) -> None:
     held = held_for(len(samples), (begin, begin + 120))
     strokes, _ = Tracker(is_by_button=True).feel(samples, held)
     assert names(strokes) == [lib.STROKE_END_GAP]
-
-
-@pytest.mark.parametrize("pause", [0.12, 0.2])
-def test_presses_that_are_too_near_are_told_apart(
-    single: Measured, pause: float
-) -> None:
-    held = single.held()
-    held[at(single, 0.5) : at(single, 0.5 + pause)] = False
-    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    first, second = ends(strokes)
-    assert first["end"] == lib.STROKE_END_TOO_NEAR
-    assert (first["displacement"] == NULL).all()
-    assert (first["stroke"], second["stroke"]) == (1, 2)
-
-
-def test_a_press_that_is_let_go_at_once_after_a_stroke_starts_none(
-    single: Measured,
-) -> None:
-    held = single.held()
-    held[at(single, 0.5) :] = False
-    held[at(single, 0.65) : at(single, 0.7)] = True
-    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    assert names(strokes) == [lib.STROKE_END_TOO_NEAR]
 
 
 def test_a_filter_without_strokes_and_other_params_say_so(single: Measured) -> None:
@@ -308,17 +286,11 @@ def test_undoing_the_origin_leaves_no_position(single: Measured) -> None:
     assert list(tracker.pose().position) == [NULL] * 3
 
 
-def test_a_press_sets_the_origin_where_there_is_none(single: Measured) -> None:
-    tracker = Tracker(is_by_button=True, tip_um=(0, 0, 0))
-    strokes, _ = tracker.feel(single.samples, single.held())
-    assert (ends(strokes)["path"] != NULL).all()
-    assert np.array_equal(ends(strokes)["path"], ends(strokes)["displacement"])
-
-
 def test_without_a_tip_there_is_no_position_but_a_path(single: Measured) -> None:
     tracker = Tracker(is_by_button=True)
     strokes, _ = tracker.feel(single.samples, single.held())
-    assert (ends(strokes)["path"] != NULL).all()
+    assert (ends(strokes)["path"] != NULL).all()  # from the press on
+    assert np.array_equal(ends(strokes)["path"], ends(strokes)["displacement"])
     assert list(tracker.pose().position) == [NULL] * 3
     assert list(tracker.pose().normal) == [-(2**15)] * 3
 

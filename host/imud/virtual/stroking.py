@@ -15,40 +15,31 @@ from imud.virtual.hand import HandMove, Stance
 from imud.virtual.motion import Motion
 from imud.virtual.sensors import Sway
 
-# Amplitudes of the study that the limits of benchmarks/strokes are from: tremor of
-# 0.05 or 0.2 m/s2 and of 0.3 or 1 deg/s, a sway of 0.1 or 0.5 mm and of 0.1 or 0.4 deg.
-# "hand" sways as the 157 real rests of hands in the recordings "ground": 0.41 cm/s and
-# 1.17 deg/s an axis, together; "paper" and "air" turn three times as much for their
-# speed.
 _TREMOR = 2.0 * math.pi * 10.0  # rad/s
+
+
+def _swaying(turn_deg: float, turn_dps: float, tip_m: float, tip_m_s2: float) -> Sway:
+    """A slow sway of these angles and lengths, and a tremor of these rates and forces,
+    rms of an axis.
+    """
+    trembles = math.radians(turn_dps) / _TREMOR
+    return Sway(
+        turn=((0.2, 1.0, math.radians(turn_deg)), (8.0, 12.0, trembles)),
+        tip=((0.2, 1.0, tip_m), (8.0, 12.0, tip_m_s2 / _TREMOR**2)),
+        grain_m=0.0,
+    )
+
+
+# "supported": the probe lies or stands on something at both ends; "paper": in a hand,
+# whose tip or heel of the palm rests on it. "hand" sways as the 157 real rests of hands
+# in the recordings "ground": 0.41 cm/s and 1.17 deg/s an axis, together; "paper" and
+# "air", of the study that the limits of benchmarks/strokes are from, turn three times
+# as much for their speed.
 SWAYS: dict[str, Sway] = {
-    # The probe lies or stands on something at both ends.
     "supported": Sway(grain_m=0.0),
-    # In a hand, whose tip or heel of the palm rests on the paper.
-    "paper": Sway(
-        turn=(
-            (0.2, 1.0, math.radians(0.1)),
-            (8.0, 12.0, math.radians(0.3) / _TREMOR),
-        ),
-        tip=((0.2, 1.0, 1e-4), (8.0, 12.0, 0.05 / _TREMOR**2)),
-        grain_m=0.0,
-    ),
-    "air": Sway(
-        turn=(
-            (0.2, 1.0, math.radians(0.4)),
-            (8.0, 12.0, math.radians(1.0) / _TREMOR),
-        ),
-        tip=((0.2, 1.0, 5e-4), (8.0, 12.0, 0.2 / _TREMOR**2)),
-        grain_m=0.0,
-    ),
-    "hand": Sway(
-        turn=(
-            (0.2, 1.0, math.radians(0.31)),
-            (8.0, 12.0, math.radians(1.0) / _TREMOR),
-        ),
-        tip=((0.2, 1.0, 1.05e-3), (8.0, 12.0, 0.2 / _TREMOR**2)),
-        grain_m=0.0,
-    ),
+    "paper": _swaying(0.1, 0.3, 1e-4, 0.05),
+    "air": _swaying(0.4, 1.0, 5e-4, 0.2),
+    "hand": _swaying(0.31, 1.0, 1.05e-3, 0.2),
 }
 
 SETTLES_S = 7.0  # of rest at the start: calibration at rest, and level

@@ -290,33 +290,23 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("at_once")
 @pytest.mark.parametrize("as_json", [False, True])
-def test_a_path_is_closed_when_ctrl_c_ends_it(
-    capsys: pytest.CaptureFixture[str], as_json: bool
-) -> None:
-    pose = {"type": "pose", "t_device_us": 4_000_000, "position_m": [0.005, 0.0, 0.0]}
-    closed([*strokes(), pose], as_json=as_json)
-    lines = capsys.readouterr().out.splitlines()
-    if as_json:
-        assert json.loads(lines[-1])["off_m"] == [0.005, 0.0, 0.0]
-        assert json.loads(lines[-1])["closed_m"][-1] == [0.0, 0.0, 0.0]
-        assert len(lines) == len(WAYS) + 1
-    else:
-        assert "stylus: 4 strokes end 0.50 cm from their origin:" in lines
-
-
-@pytest.mark.usefixtures("at_once")
-@pytest.mark.parametrize("as_json", [False, True])
-def test_a_path_that_its_button_closes_is_told_at_once(
-    capsys: pytest.CaptureFixture[str], as_json: bool
+@pytest.mark.parametrize("by_button", [False, True])
+def test_a_path_is_closed_by_its_button_and_when_ctrl_c_ends_it(
+    capsys: pytest.CaptureFixture[str], as_json: bool, by_button: bool
 ) -> None:
     closing = path_of(*strokes()).closing(*KNOWN)
-    assert closing is not None
-    closed([{"type": "path", **closing}], as_json=as_json)
-    output = capsys.readouterr().out
+    pose = {"type": "pose", "t_device_us": 4_000_000, "position_m": [0.005, 0.0, 0.0]}
+    told = [{"type": "path", **(closing or {})}] if by_button else [*strokes(), pose]
+    closed(told, as_json=as_json)
+    lines = capsys.readouterr().out.splitlines()
     if as_json:
-        assert json.loads(output)["off_m"] == closing["off_m"]
+        off = [0.004, 0.004, 0.004] if by_button else [0.005, 0.0, 0.0]
+        assert json.loads(lines[-1])["off_m"] == pytest.approx(off)
+        assert json.loads(lines[-1])["closed_m"][-1] == [0.0, 0.0, 0.0]
+        assert len(lines) == (1 if by_button else len(WAYS) + 1)
     else:
-        assert "stylus: 4 strokes end 0.69 cm from their origin:" in output
+        off_cm = "0.69" if by_button else "0.50"
+        assert f"stylus: 4 strokes end {off_cm} cm from their origin:" in lines
 
 
 @pytest.mark.usefixtures("at_once")

@@ -5,7 +5,6 @@ those that it would have sent. A Nano, which has no room for strokes, gets them 
 from __future__ import annotations
 
 import itertools
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from imud.stages.fusion import FusionStage, with_strokes
 from imud.virtual.stroking import Plan
 from imud.wire.messages import encode
 from sessions import received
-from stroke_bench import feel, stroking
+from stroke_bench import TIP, feel, stroking
 from twin_bench import (
     PERIOD_US,
     Life,
@@ -36,7 +35,6 @@ from twin_bench import (
 )
 
 TIME_ON = slice(5, None)  # of content: all but id and number
-TIP = record(4, struct.pack("<3i3h", 120_000, -5_000, 0, -(2**14), 0, 0))
 STROKE, TELL = (
     record(5, bytes((does, lib.REFERENCE_NONE)))
     for does in (lib.BUTTON_DOES_STROKE, lib.BUTTON_DOES_TELL)
@@ -97,22 +95,17 @@ def test_its_strokes_are_in_every_bit_those_of_the_probe(is_by_button: bool) -> 
     assert tail(added(here)) == tail(own_poses(life.contents))
 
 
-def test_a_filter_in_floats_gives_way_to_ours() -> None:
-    about = {"board": "micropython", "self_test": (), "filter": "madgwick"}
+@pytest.mark.parametrize(
+    "about",
+    [
+        {"board": "micropython", "self_test": (), "filter": "madgwick"},
+        {"filter": "none"},
+    ],
+)
+def test_a_board_without_our_filter_gets_it(about: dict[str, object]) -> None:
     life = followed().live(620)
     contents = [
         changed(content, **about) if message_of(content).name == "hello" else content
-        for content in life.contents
-    ]
-    assert tail(added(fused(contents))) == tail(own_poses(life.contents))
-
-
-def test_a_board_without_a_filter_gets_ours() -> None:
-    life = followed().live(620)
-    contents = [
-        changed(content, filter="none")
-        if message_of(content).name == "hello"
-        else content
         for content in life.contents
     ]
     assert tail(added(fused(contents))) == tail(own_poses(life.contents))
