@@ -25,7 +25,7 @@ from imud.errors import FlashError
 from imud.flash import OnProgress, firmware
 
 BAUD = 115_200  # which USB does without
-PROMPT_S = 2.0
+PROMPT_S, EACH_S = 2.0, 0.5  # some boards restart as their port is opened
 ANSWER_S = 10.0  # a board that erases a block of its flash
 PIECE = 150  # bytes of a file in a request
 MAIN, MODULE = "main.py", "imuprobe.mpy"
@@ -95,8 +95,13 @@ class Prompt:
 
     def __init__(self, wire: PromptWire) -> None:
         self._wire = wire
-        wire.write(b"\r\x03\x03\r\x01")
-        if not self._until(b"raw REPL; CTRL-B to exit\r\n>", PROMPT_S)[1]:
+        until_s = time.monotonic() + PROMPT_S
+        while True:
+            wire.write(b"\r\x03\x03\r\x01")
+            if self._until(b"raw REPL; CTRL-B to exit\r\n>", EACH_S)[1]:
+                return
+            if time.monotonic() < until_s:
+                continue
             raise NoPrompt(
                 "no prompt of MicroPython: if the board runs a probe, hold its button "
                 "down while you plug it in; if it has no MicroPython, get it from "
