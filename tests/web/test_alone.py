@@ -295,6 +295,9 @@ def test_move_origin_aim_stroke_mark_and_csv(page: Alone, tmp_path: Path) -> Non
     page.play(probe, text_of('[data-part="check"]', "passed"), **origin)
     seen.evaluate("globalThis.port.vanish()")
     seen.get_by_text("unplugged", exact=True).wait_for()
+    seen.get_by_role("link", name="Probe", exact=True).click()
+    seen.get_by_role("button", name="Undo", exact=True).click()
+    seen.get_by_text("the probe is unplugged; plug it in").wait_for()
     assert set(seen.evaluate(KEPT)) <= {0, ""}
 
 

@@ -124,15 +124,18 @@ export class UsbPort {
     if (values.some(Number.isNaN)) {
       throw new Error(usage);
     }
+    if (!this.isOpen) {
+      throw new Error("the probe is unplugged; plug it in");
+    }
     this._token = (this._token % 0xffff) + 1;
     const token = this._token;
     const frame = commandFrame(number, token, [values[0] ?? 0, values[1] ?? 0]);
     for (let tries = 0; tries < TRIES; tries++) {
       const writer = this.port.writable.getWriter();
       const reply = await Promise.race([
-        new Promise((resolve) => {
+        new Promise((resolve, reject) => {
           this._waiting.set(token, resolve);
-          writer.write(frame).finally(() => writer.releaseLock());
+          writer.write(frame).catch(reject).finally(() => writer.releaseLock());
         }),
         new Promise((resolve) => setTimeout(resolve, REPLY_MS)),
       ]);
