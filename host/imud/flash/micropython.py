@@ -186,9 +186,8 @@ class Prompt:
         new = {name: raw for name, raw in files.items() if had[name] != sha256(raw)}
         done, total = 0, sum(map(len, new.values()))
         for name, raw in new.items():
-            for folder in list(Path(name).parents)[-2::-1]:
-                make = f"try:\n os.mkdir({folder.as_posix()!r})\nexcept OSError:pass"
-                self.ask(make)
+            if folder := name.rpartition("/")[0]:
+                self.ask(f"try:\n os.mkdir({folder!r})\nexcept OSError:pass")
             part = f"{name}.part"
             self.ask(f"f=open({part!r},'wb')")
             for at in range(0, len(raw), PIECE):
