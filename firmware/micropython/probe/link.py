@@ -23,6 +23,25 @@ def message(template):
     return bytearray(template + b"\0\0")
 
 
+def _nothing():
+    return 0
+
+
+def _polled(stream):
+    """The method any() of a stream without one, such as a Pico's USB."""
+    from select import POLLIN, poll
+
+    poller = poll()
+    poller.register(stream, POLLIN)
+
+    def is_there():
+        for _ in poller.ipoll(0):
+            return True
+        return False
+
+    return is_there
+
+
 class Link:
     """`room`: bytes of frames that may wait."""
 
@@ -38,6 +57,8 @@ class Link:
         self._received = bytearray(_RECEIVED_MAX)
         self._length = 0
         self._one = bytearray(1)
+        self._stream = None
+        self._any = _nothing
 
     @property
     def sent(self):
@@ -87,7 +108,10 @@ class Link:
 
     def receive(self, stream):
         """The content of the next command among the bytes that are there, or None."""
-        while stream.any():
+        if stream is not self._stream:
+            self._stream = stream
+            self._any = stream.any if hasattr(stream, "any") else _polled(stream)
+        while self._any():
             stream.readinto(self._one)
             byte = self._one[0]
             if byte:
