@@ -33,7 +33,7 @@ test test-long coverage: export OPENBLAS_NUM_THREADS := 1
 help: ## lists the commands
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
-demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython, pico, mega)
+demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, pico, mega)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@imud demo --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
@@ -94,9 +94,9 @@ lock: ## updates requirements.lock to the newest versions that pyproject.toml al
 	@$(PYTHON) tools/setup.py check
 	@python tools/locked.py
 
-firmware: ## image of a board (BOARD=nano, mega, f405, micropython, pico, pico-micropython, pico2-micropython), or mpy
+firmware: ## image of a board (BOARD=nano, mega, f405, pico, pico-micropython, pico2-micropython), or mpy
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
-	@$(if $(filter micropython mpy pico%,$(BOARD)),,pio run --environment $(environment))
+	@$(if $(filter mpy pico%,$(BOARD)),,pio run --environment $(environment))
 	@$(if $(filter pico%,$(BOARD)),echo "build/pico/$(BOARD).uf2: copy it onto the drive that the board shows")
 
 sim: ## builds the virtual boards: build/sim/nano, build/sim/f405
@@ -114,7 +114,7 @@ hardware: $(solids)/ready ## parts to print, checked: build/hardware (ONLY=nano 
 	@$(solids)/bin/python -m hardware $(if $(ONLY),--only $(ONLY)) \
 	  $(if $(PICTURES),--pictures)
 
-bench: ## accuracy, or WHAT=afterwards, honesty, nano, mega, f405, micropython, pico, card, faults, host, bridge, attacks, hosts, calibration, limb, page, strokes, tip
+bench: ## accuracy, or WHAT=afterwards, honesty, nano, mega, f405, pico, card, faults, host, bridge, attacks, hosts, calibration, limb, page, strokes, tip
 	@$(PYTHON) -m benchmarks --check $(WHAT)
 	@$(PYTHON) tools/setup.py bench
 	@python -m benchmarks $(WHAT)

@@ -51,10 +51,6 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "firmware/cycles.py --board f405",
         "firmware/cycles.py --board f405-760",
     ),
-    "micropython": (
-        "MicroPython on the virtual F405: rates, instructions, heap, pauses",
-        "firmware/micropython.py",
-    ),
     "pico": (
         "the Pico's images: poses beside the host's, cycles; without data-ready",
         "firmware/pico.py",

@@ -6,7 +6,6 @@ from __future__ import annotations
 import fcntl
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Generator
 from pathlib import Path
@@ -137,28 +136,12 @@ def f405_image() -> Path:
 
 
 @pytest.fixture(scope="session")
-def micropython() -> Path:
-    """MicroPython with the module imuprobe, for this machine; built if it is not."""
-    return micropython_of("host") / "host" / "micropython"
-
-
-@pytest.fixture(scope="session")
-def micropython_image() -> Path:
-    """MicroPython with the module and the package inside, for an STM32F405."""
-    return built_image("micropython")
-
-
-@pytest.fixture(scope="session")
-def plain_image() -> Path:
-    """The same, with a main.py that makes no use of the module; built if it is not."""
-    return micropython_of("plain") / "pyboard" / "plain"
-
-
-def micropython_of(target: str) -> Path:
-    """Have tools/micropython_build.py make a target; returns where all of them are."""
-    words = (sys.executable, "tools/micropython_build.py", target)
-    subprocess.run(words, cwd=ROOT, check=True)
-    return ROOT / "build" / "micropython"
+def stock() -> Path:
+    path = Path(sys.prefix) / "bin" / "micropython"
+    if not path.exists():
+        # Its wheels are for some Pythons only: docs/limits.md.
+        pytest.skip("PyPI has no MicroPython for this Python")
+    return path
 
 
 def built_simulator(board: str) -> Path:

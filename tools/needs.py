@@ -81,8 +81,7 @@ BOARD_NEEDS = {
         Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
     ),
 }
-# Tests compile the core with a C library for ARM, and MicroPython needs one; our own
-# images need none.
+# Tests compile the core with a C library for ARM; our own images need none.
 NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
 # Shows the page to tests, which leave that out where it is not: Ubuntu has no package.
 CHROMIUM = Need(
@@ -101,13 +100,13 @@ BOARD_NEEDS[MPY] = (
     Need("picolibc-riscv64-unknown-elf", compiles("#include <assert.h>", *RISC_V)),
 )
 BOARD_NEEDS["mega"] = BOARD_NEEDS["nano"]
-BOARD_NEEDS["micropython"] = (*BOARD_NEEDS["f405"], NEWLIB)
 PICOS = (
     "pico",
     "pico-micropython",
     "pico2-micropython",
 )  # as tools/pico.py builds them
-for _name in PICOS:
+STOCK = "pico-stock"  # for tests alone
+for _name in (*PICOS, STOCK):
     BOARD_NEEDS[_name] = (
         *(Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")), NEWLIB),
         *(Need("nodejs", has("node")), Need("npm", has("npm"))),

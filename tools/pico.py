@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Builds what runs on a Raspberry Pi Pico, as build/pico/NAME.uf2 with its .elf and
 manifest.json: `pico`, the probe in C; `pico-micropython` and `pico2-micropython`,
-MicroPython's own port with the probe inside, for Pico and Pico 2. Copy it onto the
+MicroPython's own port with the probe inside, for Pico and Pico 2; `pico-stock`, that
+port with nothing of ours, for tests. Copy it onto the
 drive that the board shows when it is plugged in with BOOTSEL held down.
 """
 
@@ -16,6 +17,7 @@ from pathlib import Path
 
 import debian
 import quietly
+from needs import STOCK
 from pico_sources import PicoSources
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -34,7 +36,7 @@ BOARDS = {
     "pico-micropython": ("RPI_PICO", "rp2040"),
     "pico2-micropython": ("RPI_PICO2", "rp2350"),
 }
-NAMES = (C_BOARD, *BOARDS)
+NAMES = (C_BOARD, *BOARDS, STOCK)
 # No C++ is in any of them, so Debian's C++ library of 1.5 GB is not needed: a file of
 # the SDK asks for its headers unless it is told not to, and the link for an empty one.
 WITHOUT_CXX = "-DPICO_CXX_DISABLE_ALLOCATION_OVERRIDES=1"
@@ -64,8 +66,8 @@ def build(name: str, sources: PicoSources) -> None:
     if name == C_BOARD:
         made, family = c_image(folder, sources), "rp2040"
     else:
-        board, family = BOARDS[name]
-        made = micropython_image(folder, board, sources)
+        board, family = BOARDS.get(name, ("RPI_PICO", "rp2040"))
+        made = micropython_image(folder, board, sources, is_stock=name == STOCK)
     elf = BUILD / f"{name}.elf"
     shutil.copyfile(made, elf)
     binary = folder / "image.bin"
@@ -98,7 +100,9 @@ def c_image(folder: Path, sources: PicoSources) -> Path:
     return folder / "firmware.elf"
 
 
-def micropython_image(folder: Path, board: str, sources: PicoSources) -> Path:
+def micropython_image(
+    folder: Path, board: str, sources: PicoSources, *, is_stock: bool
+) -> Path:
     own = ROOT / "firmware" / "micropython"
     run({}, "make", "--silent", "-C", sources.micropython / "mpy-cross", jobs())
     # The port wants a folder of micropython-lib, of which it takes nothing here.
@@ -110,9 +114,12 @@ def micropython_image(folder: Path, board: str, sources: PicoSources) -> Path:
         "PICO_NO_PICOTOOL": 1,
         "MICROPY_BOARD": board,
         "MICROPY_LIB_DIR": library,
-        "MICROPY_FROZEN_MANIFEST": own / "pico" / "manifest.py",
-        "USER_C_MODULES": own / "imuprobe" / "micropython.cmake",
+        "MICROPY_FROZEN_MANIFEST": own
+        / "pico"
+        / ("stock.py" if is_stock else "manifest.py"),
     }
+    if not is_stock:
+        settings["USER_C_MODULES"] = own / "imuprobe" / "micropython.cmake"
     configure_and_build(sources.micropython / "ports" / "rp2", folder, settings)
     return folder / "firmware.elf"
 

@@ -33,6 +33,7 @@ from needs import (
     MPY,
     PICOS,
     PYTHON_NEEDS,
+    STOCK,
     Need,
     missing,
     succeeds,
@@ -61,7 +62,6 @@ GROUPS = {
 }
 ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405", "mega": "mega"}  # platformio.ini
 PACKAGE = "package"
-MICROPYTHON = "micropython"  # the board that PlatformIO does not build
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -84,12 +84,10 @@ def main(arguments: Sequence[str]) -> None:
         return
     boards = ("nano", "f405") if args.board == "both" else (args.board,)
     groups = GROUPS[args.command]
-    if MICROPYTHON in groups:
-        boards = (*boards, MICROPYTHON)
-    elif {MICROPYTHON, MPY} & set(boards):
-        groups = (*groups, MICROPYTHON)
+    if MPY in boards:
+        groups = (*groups, "micropython")
     if args.command == "test-long":
-        boards = (*boards, "pico", "pico-micropython", "mega", MPY)
+        boards = (*boards, "pico", "pico-micropython", STOCK, "mega", MPY)
     with alone():
         LOG.write_text("")
         needs = system_needs(args.command, boards)
@@ -114,7 +112,6 @@ def main(arguments: Sequence[str]) -> None:
             install_package,
             lambda: build_images(boards),
             lambda: build_sim(boards),
-            lambda: build_micropython(args.command, boards),
             lambda: build_picos(boards),
             lambda: build_mpy(args.command, boards),
         )
@@ -135,11 +132,6 @@ def build_images(boards: Sequence[str]) -> None:
         step("firmware images", venv("pio"), "run", "--silent", *chosen)
 
 
-def build_micropython(command: str, boards: Sequence[str]) -> None:
-    if MICROPYTHON in boards and command in ("demo", "test", "test-long", "bench"):
-        step(MICROPYTHON, venv("python"), "tools/micropython_build.py", "pyboard")
-
-
 def build_mpy(command: str, boards: Sequence[str]) -> None:
     words = ("module for MicroPython", venv("python"), "tools/mpy.py")
     if MPY in boards:
@@ -149,7 +141,7 @@ def build_mpy(command: str, boards: Sequence[str]) -> None:
 
 
 def build_picos(boards: Sequence[str]) -> None:
-    for name in filter(PICOS.__contains__, boards):
+    for name in filter((*PICOS, STOCK).__contains__, boards):
         step(f"image of {name}", venv("python"), "tools/pico.py", name)
 
 
@@ -159,7 +151,7 @@ def build_sim(boards: Sequence[str]) -> None:
         return
     targets = ["all"] if len(boards) > 1 else []
     targets += ["pico"] if set(boards) & set(PICOS) else []
-    emulator = {MICROPYTHON: "f405", "mega": "nano"}.get(boards[0], boards[0])
+    emulator = {"mega": "nano"}.get(boards[0], boards[0])
     targets = targets or [f"../build/sim/{emulator}"]
     make = ("make", "--silent", f"--jobs={os.cpu_count() or 1}", "--directory=sim")
     step("virtual boards", *make, *targets)

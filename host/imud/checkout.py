@@ -46,12 +46,6 @@ MPY = (
     *(f"firmware/{room}/*.[ch]" for room in ("core/*", "generic", "stm32/libc")),
     "firmware/micropython/imuprobe/*.[ch]",
 )
-MICROPYTHON = (
-    "tools/micropython_build.py",
-    "firmware/micropython/port/**/Makefile",
-    *(f"firmware/micropython/**/*.{kind}" for kind in ("py", "[ch]", "mk", "ld")),
-    *(f"firmware/{room}/**/*.[chS]" for room in ("core", "generic", "stm32")),
-)
 
 # The section of an image that has its digest. It takes no flash.
 SECTION = ".sources"
@@ -59,7 +53,6 @@ MARK = b"imu-probe sources "
 
 _STARTED_AGAIN = "IMUD_STARTED_AGAIN"
 _PLATFORMIO = re.compile(r"\.pio/build/([^/]+)/firmware\.elf$")
-_PYBOARD = "build/micropython/pyboard/micropython"
 _PICO = "build/pico/pico.elf"
 
 
@@ -122,10 +115,6 @@ def refresh_image(image: Path) -> None:
         command = ["-m", "platformio", "run", "--silent", "--project-dir", str(root)]
         command += ["--environment", name]
         by_hand = f"pio run -e {name}"
-    elif path.as_posix().endswith(_PYBOARD):
-        root, name, patterns = path.parents[3], "micropython", MICROPYTHON
-        command = [str(root / "tools" / "micropython_build.py"), "pyboard"]
-        by_hand = "make firmware BOARD=micropython"
     elif path.as_posix().endswith(_PICO):
         root, name, patterns = path.parents[2], "pico", PICO
         command = [str(root / "tools" / "pico.py"), "pico"]

@@ -121,7 +121,6 @@ def test_an_installed_package_has_nothing_to_compare_with(
     [
         (".pio/build/nano/firmware.elf", ["--environment", "nano"]),
         (".pio/build/stm32f405/firmware.elf", ["--environment", "stm32f405"]),
-        ("build/micropython/pyboard/micropython", ["pyboard"]),
     ],
 )
 def test_an_image_of_other_sources_is_built_again(
@@ -140,8 +139,7 @@ def test_an_image_of_other_sources_is_built_again(
     (ran,) = machine.ran
     assert ran[-len(command) :] == command
     assert capsys.readouterr().err.endswith(": rebuilding\n")
-    patterns = checkout.MICROPYTHON if command == ["pyboard"] else checkout.BOARD
-    image.write_bytes(b"\x7fELF" + checkout.noted(patterns, tmp_path))
+    image.write_bytes(b"\x7fELF" + checkout.noted(checkout.BOARD, tmp_path))
     checkout.refresh_image(image)
     assert len(machine.ran) == 1
 
@@ -158,10 +156,9 @@ def test_an_image_from_elsewhere_is_left_as_it_is(
     assert machine.ran == []
 
 
-@pytest.mark.parametrize("board", ["nano", "f405", "micropython"])
+@pytest.mark.parametrize("board", ["nano", "f405"])
 def test_an_image_carries_the_digest_of_its_sources(
     boards: dict[str, tuple[Path, Path]], board: str
 ) -> None:
     _, image = boards[board]
-    wanted = checkout.MICROPYTHON if board == "micropython" else checkout.BOARD
-    assert checkout.noted(wanted) in image.read_bytes()
+    assert checkout.noted(checkout.BOARD) in image.read_bytes()

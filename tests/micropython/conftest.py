@@ -14,22 +14,13 @@ from demanded import leave_out
 from length import choose
 from micropython_tape import Command
 
-# Those that build MicroPython for this machine are for `make test-long`.
+# Those that build MicroPython's unix port are for `make test-long`.
 collect_ignore = choose(
     everyday=["test_altered.py", "test_drivers.py", "test_frames.py"],
     long=[],
 )
 ROOT = Path(__file__).resolve().parents[2]
 BUILT = ROOT / "build" / "mpy" / "imuprobe-x64.mpy"
-
-
-@pytest.fixture(scope="session")
-def stock() -> Path:
-    path = Path(sys.prefix) / "bin" / "micropython"
-    if not path.exists():
-        # Its wheels are for some Pythons only: docs/limits.md.
-        pytest.skip("PyPI has no MicroPython for this Python")
-    return path
 
 
 @pytest.fixture(scope="session")
@@ -40,5 +31,17 @@ def with_module(stock: Path, tmp_path_factory: pytest.TempPathFactory) -> Comman
     subprocess.run([sys.executable, ROOT / "tools" / "mpy.py", "x64"], check=True)
     folder = tmp_path_factory.mktemp("mpy")
     shutil.copyfile(BUILT, folder / "imuprobe.mpy")
-    path = f"MICROPYPATH={folder}:{Path(__file__).parent / 'stock'}"
-    return ("env", path, str(stock), "-X", "heapsize=16m")
+    return command(stock, folder)
+
+
+@pytest.fixture(scope="session")
+def micropython() -> Command:
+    """The command of one that has module and modelled sensors inside; built first."""
+    tool = ROOT / "tools" / "micropython_build.py"
+    subprocess.run([sys.executable, tool, "unix"], check=True)
+    return command(ROOT / "build" / "micropython" / "unix" / "micropython")
+
+
+def command(program: Path, *places: Path) -> Command:
+    path = ":".join(map(str, (*places, Path(__file__).parent / "stock")))
+    return ("env", f"MICROPYPATH={path}", str(program), "-X", "heapsize=64m")

@@ -11,6 +11,7 @@ import pytest
 
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, decode
+from micropython_tape import Command
 
 pytestmark = pytest.mark.long
 
@@ -53,15 +54,22 @@ class Altered(NamedTuple):
 
 
 @pytest.fixture
-def altered(micropython: Path, tmp_path: Path) -> Any:
+def altered(micropython: Command, tmp_path: Path) -> Any:
     def run(kind: str, seconds: int, **about: Any) -> Altered:
         frames = tmp_path / "frames"
-        words = [micropython, HERE / "altered.py", HERE / "fake", PACKAGE, kind, frames]
+        words = [
+            *micropython,
+            HERE / "altered.py",
+            HERE / "fake",
+            PACKAGE,
+            kind,
+            frames,
+        ]
         given = [f"{name.removeprefix('r_')}={value}" for name, value in about.items()]
         done = subprocess.run(
             [*words, str(seconds), *given], capture_output=True, text=True, check=False
         )
-        assert done.returncode == 0, done.stdout
+        assert done.returncode == 0, done.stdout + done.stderr
         found = [
             decode(content) for content in FrameDecoder().feed(frames.read_bytes())
         ]

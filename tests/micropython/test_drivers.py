@@ -13,6 +13,7 @@ import pytest
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
+from micropython_tape import Command
 
 pytestmark = pytest.mark.long
 
@@ -33,14 +34,14 @@ def orders() -> list[str]:
 
 
 def driven(
-    micropython: Path, kind: str, variant: str, folder: Path, bus: str = "i2c"
+    micropython: Command, kind: str, variant: str, folder: Path, bus: str = "i2c"
 ) -> list[Message]:
     frames = folder / f"{variant}-{bus}"
-    words = [micropython, HERE / "driven.py", HERE / "fake", PACKAGE, kind, variant]
+    words = [*micropython, HERE / "driven.py", HERE / "fake", PACKAGE, kind, variant]
     done = subprocess.run(
         [*words, bus, frames, *orders()], capture_output=True, text=True, check=False
     )
-    assert done.returncode == 0, done.stdout
+    assert done.returncode == 0, done.stdout + done.stderr
     messages = [decode(content) for content in FrameDecoder().feed(frames.read_bytes())]
     assert all(isinstance(message, Message) for message in messages)
     return [message for message in messages if isinstance(message, Message)]
@@ -63,7 +64,7 @@ def held(messages: list[Message]) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_package_reads_what_core_reads(
-    micropython: Path, tmp_path: Path, kind: str
+    micropython: Command, tmp_path: Path, kind: str
 ) -> None:
     module = driven(micropython, kind, "module", tmp_path)
     plain = driven(micropython, kind, "plain", tmp_path)
@@ -84,7 +85,7 @@ def test_the_package_reads_what_core_reads(
 @pytest.mark.parametrize("variant", ["module", "plain"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_sensor_on_spi_is_read_as_on_i2c(
-    micropython: Path, tmp_path: Path, kind: str, variant: str
+    micropython: Command, tmp_path: Path, kind: str, variant: str
 ) -> None:
     wired = [
         driven(micropython, kind, variant, tmp_path, bus) for bus in ("i2c", "spi")

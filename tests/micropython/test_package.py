@@ -23,18 +23,3 @@ def test_its_version_is_that_of_the_project(root: Path) -> None:
     assert version is not None
     package = json.loads((FOLDER / "package.json").read_text())
     assert package["version"] == version[1]
-
-
-def test_the_guide_shows_the_main_that_runs_on_the_virtual_board(root: Path) -> None:
-    guide = (root / "docs" / "micropython.md").read_text()
-    shown = re.search(r"```python\n(   from machine.+?)```", guide, re.DOTALL)
-    assert shown is not None
-    lines = [line.removeprefix("   ").strip() for line in shown[1].splitlines()]
-    runs = (FOLDER / "port" / "pyboard" / "main.py").read_text()
-    own = {line.strip() for line in runs.splitlines()}
-    only_shown = [line for line in lines if line and line not in own]
-    # The virtual board has no file system.
-    assert only_shown == [
-        "from probe import LSM9DS0, Bus, FileStorage, run",
-        'storage=FileStorage("probe.settings"),',
-    ]

@@ -7,15 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from length import choose
 from system.virtual import ALL_BOARDS, BOARDS, Stub
-
-# Images of MicroPython beside that of `make firmware`, for `make test-long`.
-PLAIN = ["test_micropython_plain.py", "test_micropython_plain_faults.py"]
-collect_ignore = choose(
-    everyday=["test_micropython_faults.py", *PLAIN],
-    long=[],
-)
 
 
 @pytest.fixture(params=BOARDS)

@@ -116,12 +116,8 @@ BOARDS = {board.name: board for board in (NANO, F405)}
 # other is the Nano again.
 BOARDS |= choose(everyday={}, long={board.name: board for board in (PICO, MEGA)})
 
-# The F405 again, with the same sensor, running MicroPython.
-MICROPYTHON = dataclasses.replace(F405, name="micropython", stack=24 * 1024)
-ALL_BOARDS = BOARDS | {board.name: board for board in (MICROPYTHON, PICO, MEGA)}
-LONG = pytest.param(MICROPYTHON.name, marks=pytest.mark.long)
-NAMES = choose(everyday=[*BOARDS], long=[*BOARDS, LONG])
-every_board = pytest.mark.parametrize("stub", NAMES, indirect=True)
+ALL_BOARDS = BOARDS | {board.name: board for board in (PICO, MEGA)}
+every_board = pytest.mark.parametrize("stub", [*BOARDS], indirect=True)
 
 
 @dataclass(frozen=True, slots=True)

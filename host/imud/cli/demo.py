@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from imud.cli.arguments import Commands
 
 BOARDS = {"nano": ["nano"], "f405": ["f405"], "both": ["nano", "f405"]}
-BOARDS |= {name: [name] for name in ("micropython", "pico", "mega")}
+BOARDS |= {name: [name] for name in ("pico", "mega")}
 
 
 def add(commands: Commands) -> None:

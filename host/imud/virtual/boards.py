@@ -107,16 +107,6 @@ F405 = VirtualBoard(
     files=("faults", "eeprom", "summary", "profile", "card", "radio"),
     has_battery=True,
 )
-MICROPYTHON = replace(
-    F405,
-    name="micropython",
-    title="MicroPython board",
-    what=f"{F405.what}, running MicroPython",
-    image=Path("build/micropython/pyboard/micropython"),
-    packaged="",
-    image_variable="IMUD_IMAGE_MICROPYTHON",
-    files=NANO.files,
-)
 PICO = VirtualBoard(
     name="pico",
     title="Pico",
@@ -134,7 +124,7 @@ PICO = VirtualBoard(
     has_ready_wire=True,
     others=(*PAIRS, DSV),
 )
-BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON, PICO, MEGA)}
+BOARDS = {board.name: board for board in (NANO, F405, PICO, MEGA)}
 
 
 def find(

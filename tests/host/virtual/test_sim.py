@@ -130,8 +130,8 @@ def test_without_a_checkout_the_packages_have_both(
     assert boards.NANO.find_simulator() == tmp_path / "imu_probe_sim" / "nano"
     image = tmp_path / "imu_probe_firmware" / "nano-fuse.elf"
     assert boards.NANO.find_image() == image
-    with pytest.raises(FileError, match="make firmware sim"):
-        boards.MICROPYTHON.find_image()
+    with pytest.raises(FileError, match="make firmware BOARD=pico"):
+        boards.PICO.find_image()
 
 
 def test_what_is_missing_is_said_in_one_line_with_what_to_do(
@@ -197,7 +197,7 @@ def test_arguments_that_make_no_sense_are_usage_errors(
 def test_each_board_has_a_port_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/1000")
     links = [str(sim.default_link(board)) for board in boards.BOARDS.values()]
-    names = ("nano", "f405", "micropython", "pico", "mega")
+    names = ("nano", "f405", "pico", "mega")
     assert links == [f"/run/user/1000/imud-{name}" for name in names]
 
 

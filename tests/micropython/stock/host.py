@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The module of our port for this machine, for a MicroPython with files."""
+"""Whole files."""
 
 
 def read(path):

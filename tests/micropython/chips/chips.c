@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The module chips: the modelled sensors of sim/chips as MicroPython objects, each of
 // them machine.I2C and data-ready Pin in one. Time continues by their transfers and by
-// chips.wait(), and is the port's clock from the first chip on.
-#include "chips_time.h"
+// chips.wait(), and is the port's clock (the linker's --wrap).
 #include "lsm9ds0.h"
 #include "mpu9250.h"
 
@@ -20,9 +19,9 @@ struct chip {
 
 static uint64_t now_ns;
 
-bool chips_time_us(uint64_t *us) {
-    *us = now_ns / NS_PER_US;
-    return now_ns > 0;
+mp_uint_t __wrap_mp_hal_ticks_us(void);
+mp_uint_t __wrap_mp_hal_ticks_us(void) {
+    return now_ns / NS_PER_US;
 }
 
 static struct i2c_slave *wire_of(const struct chip *self) {
@@ -95,7 +94,7 @@ static mp_obj_t read_new(size_t n_args, const mp_obj_t *args) {
 }
 static MP_DEFINE_CONST_FUN_OBJ_VAR_BETWEEN(read_new_obj, 4, 4, read_new);
 
-static mp_obj_t write(size_t n_args, const mp_obj_t *args) {
+static mp_obj_t write_from(size_t n_args, const mp_obj_t *args) {
     (void)n_args;
     mp_buffer_info_t bytes;
     mp_get_buffer_raise(args[3], &bytes, MP_BUFFER_READ);
@@ -104,7 +103,7 @@ static mp_obj_t write(size_t n_args, const mp_obj_t *args) {
         (uint8_t)mp_obj_get_int(args[2]), bytes.buf, (uint8_t)bytes.len));
     return mp_const_none;
 }
-static MP_DEFINE_CONST_FUN_OBJ_VAR_BETWEEN(write_obj, 4, 4, write);
+static MP_DEFINE_CONST_FUN_OBJ_VAR_BETWEEN(write_obj, 4, 4, write_from);
 
 // value(): the level of its data-ready pin.
 static mp_obj_t value(mp_obj_t object) {
