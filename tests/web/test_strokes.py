@@ -60,10 +60,13 @@ def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
     )
     until(lambda: shown.number("stroke") == 30.0)  # numbers follow the drawing
     assert shown.text('[data-sigma="stroke"]') == "±2.0 mm"
+    page.get_by_role("button", name="There and back").click()
+    page.get_by_text("Press, and move to the other point").wait_for()
     stroke = {"stroke": 3, "end": "too_long", "displacement": None}
     lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
     desk.hand.say("stroke", **stroke, **lost)
-    page.get_by_text("end it within 5 s").wait_for()
+    page.get_by_text("end it within 5 s; begin again").wait_for()
+    page.get_by_text("Press, and move to").wait_for(state="hidden")
     desk.hand.turn(FORWARD, position=None)
     page.get_by_text("sector and cone").wait_for()
 
@@ -92,15 +95,3 @@ def test_there_and_back_is_guided_with_a_count_down_and_closed(
     page.get_by_text("; there 29.0 ±1.6 mm").wait_for()
     assert page.evaluate(CLOSED)[-1] == [0, 0, 0]
     page.get_by_text("Hold it still").wait_for(state="hidden")
-
-
-def test_a_stroke_without_a_length_ends_the_way_there_and_back(
-    shown: Seen, desk: Desk
-) -> None:
-    page = shown.page
-    page.get_by_role("button", name="There and back").click()
-    page.get_by_text("Press, and move to the other point").wait_for()
-    lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
-    desk.hand.say("stroke", stroke=1, end="too_long", displacement=None, **lost)
-    page.get_by_text("end it within 5 s; begin again").wait_for()
-    page.get_by_text("Press, and move to").wait_for(state="hidden")
