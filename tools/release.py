@@ -243,7 +243,7 @@ class Release:
         self._zip("libimuprobe", files)
 
     def add_page(self) -> None:
-        """The page without a daemon, with the Pico's image."""
+        """The page without a daemon, with the Pico's image and what is inside that."""
         folder = self.place / "page"
         packages = (self.source / "host", self.source / "packages" / "firmware")
         self.run(
@@ -252,7 +252,9 @@ class Release:
             *("-c", PACK),
             folder,
         )
-        self._zip("imu-probe-page", sorted(folder.iterdir()))
+        others = ("LICENSE", "packages/firmware/NOTICES.txt")
+        files = [self.source / name for name in others]
+        self._zip("imu-probe-page", [*files, *sorted(folder.iterdir())])
 
     def _zip(self, name: str, files: Iterable[Path]) -> None:
         place = self.dist / f"{name}-{self.version}.zip"

@@ -170,8 +170,6 @@ export class Reader {
       t_ns: Math.round(1e6 * (this._offsetMs + unrolled / 1000)),
       t_bound_us: null,
       age_us: null,
-      utc_host: null,
-      utc_bound_us: null,
     };
   }
 
