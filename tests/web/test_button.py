@@ -53,8 +53,8 @@ def test_gestures_are_chosen_and_a_held_button_counts_down(
     desk.hand.say("event", event="button_released", cause="button")
     page.get_by_text("Its button has set the origin").wait_for()
     shown.until("notes.slice(-4).join() === '880,523,659,784'")
-    page.locator(".held").get_by_role("button", name="Undo").click()
-    page.locator(".held").wait_for(state="hidden")
+    page.locator(".lines .held").get_by_role("button", name="Undo").click()
+    page.locator(".lines .held").wait_for(state="hidden")
     assert given(desk) == [("tare", 0), ("tare", 2)]
 
 
