@@ -16,6 +16,10 @@ from fakes import FakeProbe
 from imud.web import packed
 from web.desk import SLOWLY, Seen
 
+# A busy machine must not run into what the page waits for: a hello, a reply.
+PATIENTLY = """const soon = globalThis.setTimeout;
+globalThis.setTimeout = (act, ms = 0) => soon(act, ms < 1000 ? ms : 60 * ms);
+"""
 # What WebSerial gives a page, with `say` for what comes and `heard` for what it writes.
 SERIAL = """
 class FakePort extends EventTarget {
@@ -84,14 +88,14 @@ def alone(
     packed.write(folder)
     options = {"viewport": {"width": 800, "height": 480}} | options
     context = browser.new_context(**options)
-    context.add_init_script(SLOWLY + SERIAL)
     try:
         found = Alone(context.new_page(), "nobody")
+        found.page.clock.install()
+        found.page.add_init_script(f"{PATIENTLY}{SLOWLY}\n{SERIAL}")
         hear: Callable[..., None] = lambda _, data: setattr(  # noqa: E731
             found, "written", found.written + bytes(data)
         )
         found.page.expose_binding("heard", hear)
-        found.page.clock.install()
         found.page.goto(f"{(folder / 'index.html').as_uri()}#/{view}")
         found.until("Boolean(globalThis.imud)")
         yield found

@@ -331,6 +331,6 @@ def test_its_policy_lets_it_ask_nobody(page: Alone) -> None:
 
 def test_a_port_of_another_baud_rate_is_found(page: Alone) -> None:
     page.connect()
-    page.page.clock.fast_forward(4000)
+    page.page.clock.fast_forward(60 * 4000)
     page.until("globalThis.port.baudRate === 921600")
     page.play(FakeProbe(board="f405"), "Boolean(globalThis.imud.model.probe)", **POSE)
