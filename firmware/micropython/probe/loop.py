@@ -44,7 +44,6 @@ def run(
     hook=None,
     watchdog=True,
     plain=False,
-    filter=None,
 ):
     """Runs the probe: that of the C module or, where there is none or `plain` is true,
     one that sends raw samples for a host to fuse. It ends with an exception only.
@@ -55,12 +54,11 @@ def run(
     pressed; `storage`: of storage.py, None: nothing is kept; `supply`: a function that
     returns the supply in mV; `battery`: of battery.py; `log`: of log.py; `hook`: a
     function that is called once a second. An exception of these four is told as the
-    event hook_failed, and the probe continues. `filter`: of madgwick.py, for poses
-    without the C module, which has its own.
+    event hook_failed, and the probe continues.
     """
     kbd_intr(-1)  # a second call of run() has it back
     try:
-        probe = _attached(sensor, ready, storage, plain, filter)
+        probe = _attached(sensor, ready, storage, plain)
         if _unfit:
             probe.tell(_HOOK_FAILED, _REJECTED, 0)
         if ready is not None:
@@ -75,7 +73,7 @@ def run(
             ready.irq(None)
 
 
-def _attached(sensor, ready, storage, plain, filter):
+def _attached(sensor, ready, storage, plain):
     if _Module is not None and not plain:
         probe = _Module(storage, **facts())
         sensor.attach(probe, ready)
@@ -84,7 +82,7 @@ def _attached(sensor, ready, storage, plain, filter):
         raise ValueError("without the C module the sensor's data-ready needs a wire")
     from .plain import Probe
 
-    probe = Probe(storage, filter=filter, **facts())
+    probe = Probe(storage, **facts())
     sensor.attach_plain(probe, ready)
     return probe
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""A probe without the C module: raw samples, for a host that fuses them, and poses of a
-filter in floats. Its methods are those of imuprobe.Probe."""
+"""A probe without the C module: raw samples, for a host that fuses them. Its methods
+are those of imuprobe.Probe."""
 
 import struct
 from time import ticks_add, ticks_diff, ticks_us
@@ -38,13 +38,12 @@ class Probe:
         reset_cause=0,
         mhz=1,
         room=2048,
-        filter=None,
     ):
         now = ticks_us()
         self._settings = Settings(storage)
         self._link = Link(room)
         self._button = Button(now)
-        self._streams = Streams(self._link, self._settings, filter)
+        self._streams = Streams(self._link, self._settings)
         self._raw = message(wire.RAW)
         self._hello = message(wire.HELLO)
         self._status = Status(mhz)
@@ -53,8 +52,6 @@ class Probe:
         self._hello[wire.HELLO_BOARD] = board
         struct.pack_into("<8s", self._hello, wire.HELLO_PROBE_ID, id_of(id))
         self._hello[wire.HELLO_RESET_CAUSE] = reset_cause
-        if filter is not None:
-            self._hello[wire.HELLO_FILTER] = filter.KIND
         self._equipment = Equipment()
         self.battery = self._equipment.battery
         self._driver = None
@@ -120,7 +117,7 @@ class Probe:
         self._failed = 0
         self._taken = self._edges
         driver.describe(self._hello)
-        self._streams.begin(driver.rate_hz, self._hello)
+        self._streams.rate_hz = driver.rate_hz
         if self._is_faulty:
             self._is_faulty = False
             self._recoveries += 1
@@ -155,9 +152,7 @@ class Probe:
         if self._has_gap:
             self._has_gap = False
             raw[wire.RAW_SAMPLE_FLAGS] |= wire.SAMPLE_GAP
-        found = self._streams.take(raw, stamp)
-        if found:
-            self.tell(wire.EVENT_CALIBRATION_DONE, wire.CAUSE_NONE, found, now)
+        self._streams.take(raw, stamp)
         self._status.worked(ticks_diff(ticks_us(), now))
         return True
 
@@ -207,14 +202,13 @@ class Probe:
     def _tell_hello(self, now):
         hello = self._hello
         struct.pack_into("<H", hello, wire.HELLO_BOOT_COUNT, self._settings.boots)
-        pose_rate, raw_rate = self._streams.rates()
-        struct.pack_into("<H", hello, wire.HELLO_RAW_RATE, raw_rate)
-        struct.pack_into("<H", hello, wire.HELLO_POSE_RATE, pose_rate)
+        struct.pack_into("<H", hello, wire.HELLO_RAW_RATE, self._streams.rate())
+        poses = self._settings.pose_rate
+        struct.pack_into("<H", hello, wire.HELLO_POSE_RATE, poses)
         self._link.put(hello, len(wire.HELLO), now)
 
     def _tell_status(self, now):
-        fused = self._streams.fused
-        seen = self._uptime, self._edges, self._read, fused, self._overruns
+        seen = self._uptime, self._edges, self._read, 0, self._overruns
         counts = self._faults, self._recoveries, self._commands
         raw = self._raw
         self._status.put(self._link, now, self._state(), seen, counts, raw)
@@ -252,7 +246,7 @@ class Probe:
         elif order == wire.COMMAND_RATE:
             return self._set_rate(values, now)
         elif order == wire.COMMAND_FIELDS:
-            if not self._streams.choose(values[0]):
+            if values[0] != self._streams.fields:
                 return wire.RESULT_BAD_ARGUMENT, (self._streams.fields, 0)
         elif order == wire.COMMAND_RESET:
             self._wants_reset = True
