@@ -14,6 +14,16 @@ from imud.journal.faults import fault_words
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 from micropython_frames import PACKAGE, PROGRAMS, assert_frames_are_those_of_c
+from programs import ran
+
+PATH = f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"
+
+
+def run(
+    stock: Path, *words: object, path: str = PATH, **options: Path
+) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"MICROPYPATH": path}
+    return ran(stock, *words, env=environment, **options)
 
 
 def test_its_frames_are_those_of_the_c(stock: Path, tmp_path: Path) -> None:
@@ -29,12 +39,8 @@ def test_without_the_module_a_command_is_obeyed_and_answered_once(
     for number, (name, token) in enumerate(wanted):
         fields = {"command": name, "token": token, "arguments": (1, 50)}
         frames.append(encode_frame(encode("command", fields, number, 0)))
-    done = subprocess.run(
-        [stock, PROGRAMS / "obey.py", str(size), *(frame.hex() for frame in frames)],
-        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
-        capture_output=True,
-        text=True,
-        check=False,
+    done = run(
+        stock, PROGRAMS / "obey.py", str(size), *(frame.hex() for frame in frames)
     )
     assert done.returncode == 0, done.stderr
     sent = [decode(each) for each in FrameDecoder().feed(bytes.fromhex(done.stdout))]
@@ -51,12 +57,7 @@ def test_without_the_module_a_command_is_obeyed_and_answered_once(
 def test_a_power_cut_at_any_write_leaves_whole_settings(
     stock: Path, system: str, writes: int
 ) -> None:
-    done = subprocess.run(
-        [stock, PROGRAMS / "files.py", PACKAGE, system],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run(stock, PROGRAMS / "files.py", PACKAGE, system)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) == writes
 
@@ -64,13 +65,7 @@ def test_a_power_cut_at_any_write_leaves_whole_settings(
 def ended(stock: Path, *places: Path) -> tuple[str, list[Message]]:
     """What ends.py did, and the events that were sent."""
     path = ":".join(map(str, (*places, PROGRAMS / "fake", PACKAGE.parent)))
-    done = subprocess.run(
-        [stock, PROGRAMS / "ends.py"],
-        env=os.environ | {"MICROPYPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run(stock, PROGRAMS / "ends.py", path=path)
     assert done.returncode == 0, done.stdout + done.stderr
     did, frames = done.stdout.splitlines()
     sent = map(decode, FrameDecoder().feed(bytes.fromhex(frames)))
@@ -97,13 +92,7 @@ def test_a_module_of_another_processor_is_told_and_raw_samples_are_sent(
 
 def test_a_sensor_of_the_module_alone_is_refused_without_it(stock: Path) -> None:
     program = "import probe; probe.LSM6DSOX(None).attach_plain(None, None)"
-    done = subprocess.run(
-        [stock, "-c", program],
-        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run(stock, "-c", program)
     assert done.returncode == 1
     refused = "ValueError: an LSM6DSOX needs the C module: docs/micropython.md"
     assert (done.stdout + done.stderr).strip().endswith(refused)
@@ -123,11 +112,32 @@ clock = (0x68, 0x75, 0x12)
 for names in [(0x68, 0x75, 0x71)], [clock, (0x6A, 0x0F, 0x6C)], [(0x6B, 0x0F, 0xD4)]:
     print(type(detected(I2C(*names))).__name__)
 """
-    done = subprocess.run(
-        [stock, "-c", program],
-        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run(stock, "-c", program)
     assert done.stdout.split() == ["MPU9250", "LSM6DSOX", "LSM9DS0"], done
+
+
+def test_a_network_that_was_lost_is_joined_again(stock: Path, tmp_path: Path) -> None:
+    program = """
+import network
+from probe import wifi
+class Station:
+    is_up = False
+    def __init__(self, _): pass
+    def active(self, _): pass
+    def isconnected(self): return self.is_up
+    def connect(self, *words):
+        tries.append(now)
+        if len(tries) == 2:
+            raise OSError
+network.WLAN = Station
+wifi.ticks_ms = lambda: now
+tries, now = [], 0
+home = wifi.Network("home", "secret", "127.0.0.1", 9)
+for now in range(0, 60000, 1000):
+    Station.is_up = 20000 <= now < 30000
+    home.step()
+print(tries)
+"""
+    (tmp_path / "probe.key").write_text(64 * "0")
+    done = run(stock, "-c", program, cwd=tmp_path)
+    assert done.stdout.strip() == "[0, 15000, 44000, 59000]", done
