@@ -151,7 +151,8 @@ class UDP(Relay):
             return
         try:
             for _ in self._waiting.ipoll(0):
-                self._take(*self._socket.recvfrom(_DATAGRAM_MAX), now)
+                datagram, address = self._socket.recvfrom(_DATAGRAM_MAX)
+                self._take(datagram, address, now)
         except OSError:  # of a datagram before: nobody listens there
             pass
 
