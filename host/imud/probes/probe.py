@@ -44,6 +44,7 @@ class Probe:
         self.responses: Responses | None = None  # to its self-test, of this boot
         self._numbers = Counter[str]()
         self._lost: dict[str, int] = {}
+        self._boot = 0
 
     def stamp(
         self, frame: DecodedFrame, message: Message, timeline: Timeline, byte_ns: int
@@ -58,11 +59,10 @@ class Probe:
         number = self._numbers[name]
         device_us = self.clock.unroll(frame.time_us, frame.t_ns)
         if frame.t_ns is None:
-            return Stamp(number, missing, device_us)
+            return Stamp(number, missing, device_us, boot=self._boot)
         if frame.t_sample_ns is not None:
-            return Stamp(
-                number, missing, device_us, frame.t_sample_ns, None, frame.t_ns
-            )
+            times = frame.t_sample_ns, None, frame.t_ns
+            return Stamp(number, missing, device_us, *times, boot=self._boot)
         # It was on the wire for so long at least.
         on_wire_ns = len(frame.content) * byte_ns
         host_ns, bound_ns = self.clock.date(device_us, frame.t_ns - on_wire_ns)
@@ -79,6 +79,7 @@ class Probe:
             bound_ns,
             timeline.utc(frame.t_ns),
             timeline.whose,
+            self._boot,
         )
 
     @property
@@ -96,7 +97,7 @@ class Probe:
         """Forgets what is of the boot before."""
         self.clock = ProbeClock(self.clock.rate)
         self.responses = None
-        self.references.begin_boot()
+        self._boot += 1
 
     def update(self, message: Message, content: bytes) -> None:
         """Takes up what a good message, in order, says of the probe itself."""
@@ -125,4 +126,3 @@ class Probe:
         hello, params, scales = self.hello_content, self.params, self.scales
         if hello != scales.hello or params != scales.params:
             self.scales = Scales(hello, params)
-            self.references.tell(params)

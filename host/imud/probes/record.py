@@ -43,6 +43,7 @@ class Stamp(msgspec.Struct, frozen=True):
     t_received_ns: int | None = None  # UTC at which its last byte was read
     # The host whose UTC these are, and how far that may be off in us (None: not known).
     whose: tuple[str, int | None] | None = None
+    boot: int = 0  # counts the probe's boots since imud heard it
 
 
 class Record(msgspec.Struct, frozen=True):
@@ -150,6 +151,8 @@ def describe(
         head["params_digest"] = scales.digest
     for name, field in published_fields:
         head[name] = fields[field]
+    if references is not None:
+        references.follow(stamp.boot, scales.params)
     if message.name == "pose":
         if references is not None:
             head["since_origin"] = references.on_pose(head)

@@ -90,6 +90,7 @@ class References:
     def __init__(self) -> None:
         self.quality = Quality()
         self._params: bytes | None = None
+        self._followed: tuple[int, bytes | None] = (0, None)  # boot and params
         self._captures: dict[str, ReferencePose] = {}
         self._ended: dict[str, str] = {}  # captures that are void, and why
         self._forget()
@@ -111,10 +112,17 @@ class References:
             self._end("params_changed")
         self._params = params
 
-    def begin_boot(self) -> None:
-        """The probe has restarted."""
-        self._forget()
-        self._void_captures("restarted")
+    def follow(self, boot: int, params: bytes | None) -> None:
+        """Takes up the boot and the params of the message that comes next. Neither is
+        asked of the probe, whose later messages may have been read already.
+        """
+        if (boot, params) == self._followed:
+            return
+        if boot != self._followed[0]:
+            self._forget()
+            self._void_captures("restarted")
+        self._followed = boot, params
+        self.tell(params)
 
     def on_pose(self, pose: Mapping[str, Any]) -> SinceOrigin | None:
         """Follows a pose as it is published. Its errors since the origin; None: there

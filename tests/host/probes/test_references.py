@@ -234,7 +234,7 @@ def test_a_restart_leaves_nothing_to_relate_to() -> None:
     name = told.captured()
     told.event("restarted", 1)
     assert told.poses(0.1).void == "restarted"
-    told.references.begin_boot()
+    told.references.follow(1, KNOWN)
     told.flags = ()
     assert told.pose() is None
     captured = told.references.since_capture(name)

@@ -63,6 +63,18 @@ def test_a_pose_is_as_promised_to_the_letter(
     )
 
 
+def test_what_follows_in_the_same_bytes_does_not_reach_back(tmp_path: Path) -> None:
+    probe = FakeProbe()
+    tared = probe.say("event", event="tared", cause="command", detail=0)
+    poses = b"".join(probe.say("pose", pose_flags=("tared",)) for _ in range(3))
+    data = probe.say("hello") + tared + poses
+    probe.restart()
+    data += probe.say("hello") + probe.say("pose", pose_flags=("tared",))
+    items = decode.decode_file(capture(tmp_path, data), decode.Tally())
+    found = [item["since_origin"].void for item in items if item["type"] == "pose"]
+    assert found == [None, None, None, "unheard"]
+
+
 def test_a_number_without_words_goes_by_its_name(tmp_path: Path) -> None:
     data = FakeProbe().say("pose")
     (pose,) = decode.decode_file(capture(tmp_path, data), decode.Tally())
