@@ -22,10 +22,10 @@ from micropython import const
 '''
 
 # Messages and commands of a probe without the module.
-SENT = ("hello", "raw", "pose", "event", "status", "equipment", "params", "reply")
+SENT = ("hello", "raw", "event", "status", "equipment", "params", "reply")
 MESSAGES = (*SENT, "command")
-ENUMS = ("command", "event", "cause", "result", "state", "sensor", "filter", "board")
-FLAGS = ("sample", "pose", "stream", "power")
+ENUMS = ("command", "event", "cause", "result", "state", "sensor", "board")
+FLAGS = ("sample", "stream", "power")
 CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i"}
 ROW = 16  # bytes in a line
 

@@ -15,13 +15,6 @@ def swap_axes(source, at, target, place):
         target[place + n + 1] = source[at + n]
 
 
-def add_axes(source, at, sums, place):
-    """Adds three little-endian numbers to those of an array("i")."""
-    for n in range(3):
-        value = source[at + 2 * n] | source[at + 2 * n + 1] << 8
-        sums[place + n] += value - 65536 if value >= 32768 else value
-
-
 def is_beyond(data, place, limit):
     """Whether one of three little-endian numbers is beyond +-limit."""
     for n in range(0, 6, 2):

@@ -22,17 +22,6 @@ def swap_axes(source: ptr8, at: int, target: ptr8, place: int):
 
 
 @micropython.viper
-def add_axes(source: ptr8, at: int, sums: ptr32, place: int):
-    n = 0
-    while n < 3:
-        value = source[at + 2 * n] | source[at + 2 * n + 1] << 8
-        if value >= 32768:
-            value -= 65536
-        sums[place + n] += value
-        n += 1
-
-
-@micropython.viper
 def is_beyond(data: ptr8, place: int, limit: int) -> bool:
     n = 0
     while n < 6:

@@ -58,20 +58,6 @@ RAW_MAG = const(24)
 RAW_TEMPERATURE = const(31)
 RAW_SAMPLE_FLAGS = const(34)
 
-# q, position, normal, tilt_sigma, heading_sigma, pose_flags
-POSE = (
-    b"\x06\x00\x00\x00\x00\x00\x00\x00\x00\x1e\x00\x00\x00\x00\x00\x00"
-    b"\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x1f\x00\x00\x00\x80\x00"
-    b"\x00\x00\x80\x00\x00\x00\x80\x20\x00\x80\x00\x80\x00\x80\x21\xff"
-    b"\xff\x22\xff\xff\x23\x00\x00"
-)
-POSE_Q = const(10)
-POSE_POSITION = const(27)
-POSE_NORMAL = const(40)
-POSE_TILT_SIGMA = const(47)
-POSE_HEADING_SIGMA = const(50)
-POSE_POSE_FLAGS = const(53)
-
 # event, cause, detail
 EVENT = b"\x09\x00\x00\x00\x00\x00\x00\x00\x00\x28\x00\x29\x00\x2a\x00\x00\x00\x00"
 EVENT_EVENT = const(10)
@@ -247,13 +233,6 @@ SENSOR_LSM9DS0 = const(3)
 SENSOR_LSM6DSOX = const(4)
 SENSOR_LSM6DSV16X = const(5)
 
-FILTER_NONE = const(0)
-FILTER_FUSE = const(1)
-FILTER_COMPLEMENTARY = const(2)
-FILTER_MAHONY = const(3)
-FILTER_MADGWICK = const(4)
-FILTER_DCM_PI = const(5)
-
 BOARD_NANO = const(1)
 BOARD_F405 = const(2)
 BOARD_MICROPYTHON = const(3)
@@ -264,20 +243,6 @@ SAMPLE_MAG_OVERFLOW = const(1)
 SAMPLE_ACC_CLIPPED = const(2)
 SAMPLE_GYR_CLIPPED = const(4)
 SAMPLE_GAP = const(8)
-
-POSE_STARTING = const(1)
-POSE_UNCALIBRATED = const(2)
-POSE_AT_REST = const(4)
-POSE_MAG_DISTURBED = const(8)
-POSE_MAG_ABSENT = const(16)
-POSE_CLIPPED = const(32)
-POSE_HEADING_FREE = const(64)
-POSE_GAP = const(128)
-POSE_TARED = const(256)
-POSE_FIELD_IMPOSSIBLE = const(512)
-POSE_FIELD_UNLIKE = const(1024)
-POSE_FORCE_IMPOSSIBLE = const(2048)
-POSE_MAG_OFF = const(4096)
 
 STREAM_POSE = const(1)
 STREAM_RAW = const(2)
