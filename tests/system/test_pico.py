@@ -70,6 +70,7 @@ def assert_the_poses_are_the_hosts(done: Run, at_least: int) -> None:
     assert poses == list(replayed(done.contents))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("wire", ["usb", "uart"])
 def test_its_poses_are_in_every_bit_those_of_the_host(pico: Stub, wire: str) -> None:
     seconds = choose(everyday=7, long=600)
@@ -182,6 +183,7 @@ SUSPENDED = """later(1.5e9, () => tell(DEVICE_SUSPENDED));
     later(3e9 - 1e5, () => tell(RESUMED));"""
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("free_ns", "signals", "gap_ms"),
     [(LATE, "", 5), (NOT, "", 925), (NOT, SUSPENDED, 1505)],
@@ -218,6 +220,7 @@ def test_settings_outlive_power_and_an_update(pico: Stub) -> None:
         assert (hello["boot_count"], hello["pose_rate"]) == (boot, 37)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("fault", "cause"), [("reset", "external"), ("brown_out", "power_on")]
 )

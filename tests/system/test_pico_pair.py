@@ -69,6 +69,7 @@ def run_with(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Run]:
     return run_with
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("ready", SENSORS)
 def test_the_pair_is_found_and_its_poses_are_the_hosts(
     run_with: Callable[[str], Run], ready: str
