@@ -229,15 +229,17 @@ def files_for(board: Board, schema: str) -> dict[str, bytes]:
 
 def _read(folder: Path, name: str, schema: str) -> bytes:
     rows = [row for row in firmware.listed(folder) if row.file == name]
+    hint = "make firmware BOARD=mpy" if checkout.is_checkout() else "get both again"
     try:
         raw = (folder / name).read_bytes()
     except OSError as error:
-        hint = "make firmware BOARD=mpy" if checkout.is_checkout() else "get it again"
         raise FlashError(f"can't read {folder / name}: {hint}") from error
-    if not rows or rows[0].sha256 != sha256(raw):
+    if not rows:
+        raise FlashError(f"{folder / firmware.MANIFEST} has no {name}: {hint}")
+    if rows[0].sha256 != sha256(raw):
         raise FlashError(
-            f"{folder / name} is not what {folder / firmware.MANIFEST} names: it was "
-            "modified; get both again"
+            f"{folder / name} was modified: its SHA-256 is not in "
+            f"{firmware.MANIFEST}; {hint}"
         )
     if rows[0].schema != schema:
         raise FlashError(

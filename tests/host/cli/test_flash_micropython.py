@@ -226,7 +226,7 @@ def test_each_failure_of_the_network_is_told_in_words(
         (PICO_W, 7 | 4 << 10, "newer than this imud: update imu-probe and"),
         ("ESP32 module with ESP32", 6 | 3 << 8 | 10 << 10, "no module for an Xtensa"),
         ("Other with RP2040", X64, "its pins are unknown, only those of Raspberry Pi"),
-        ("ESP32C3 module with ESP32C3", 6 | 3 << 8 | 11 << 10, "rv32imc.mpy: get it"),
+        ("ESP32C3 module with ESP32C3", 6 | 3 << 8 | 11 << 10, "rv32imc.mpy: get both"),
         ("Raspberry Pi Pico with RP2040", X64, "has no Wi-Fi; leave --wifi out"),
     ],
 )
@@ -243,8 +243,18 @@ def test_a_board_with_nothing_for_it_is_refused_in_words(
 @pytest.mark.parametrize(
     ("name", "before", "after", "says"),
     [
-        ("probe/loop.py", "def run", "def ran", "loop.py is not what .* names: it was"),
-        ("manifest.json", "probe/loop.py", "probe/loop", "loop.py is not what .* name"),
+        (
+            "probe/loop.py",
+            "def run",
+            "def ran",
+            "loop.py was modified: its SHA-256 is not",
+        ),
+        (
+            "manifest.json",
+            "probe/loop.py",
+            "probe/loop",
+            "has no probe/loop.py: get both again",
+        ),
         ("manifest.json", SCHEMA, "0" * 8, "has schema 00000000, but"),
     ],
 )
