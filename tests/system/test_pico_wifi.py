@@ -23,7 +23,7 @@ from host.cli.test_flash_micropython import AIR, free_udp_port
 from imud import cli
 from imud.cli import flash_micropython
 from imud.client import Client
-from imud.flash import micropython, serial_port, wifi
+from imud.flash import micropython, serial_port
 from imud.virtual.boards import PICO as VIRTUAL
 from micropython_frames import PROGRAMS
 from system.live import LiveProbe, hear, take
@@ -100,7 +100,7 @@ def test_a_blank_pico_sends_poses_over_the_air(
     monkeypatch.setattr(flash_micropython, "UDP_PORT", daemon_port)
     # The emulator takes ten times as long as a board.
     monkeypatch.setattr(flash_micropython, "HELLO_S", 600)
-    monkeypatch.setattr(wifi, "MARGIN_S", 200)
+    monkeypatch.setattr(micropython, "ANSWER_S", 200)
     monkeypatch.setattr(micropython, "PROMPT_S", 200)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)

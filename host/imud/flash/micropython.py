@@ -108,10 +108,11 @@ class Prompt:
                 f"{NEWEST}"
             )
 
-    def ask(self, code: str, seconds: float = ANSWER_S) -> str:
+    def ask(self, code: str, takes_s: float = 0.0) -> str:
         """Runs some lines, and returns what they print. FlashError with the board's
         last line if they fail.
         """
+        seconds = ANSWER_S + takes_s
         self._wire.write(code.encode() + b"\x04")
         heard, is_whole = self._until(b"\x04>", seconds)
         if not is_whole:
@@ -125,9 +126,9 @@ class Prompt:
             raise FlashError(f"the board refused: {said}")
         return out.strip()
 
-    def value(self, code: str, seconds: float = ANSWER_S) -> Any:
+    def value(self, code: str, takes_s: float = 0.0) -> Any:
         """What some lines print, as a value of Python."""
-        text = self.ask(code, seconds)
+        text = self.ask(code, takes_s)
         try:
             return ast.literal_eval(text)
         except (ValueError, SyntaxError) as error:

@@ -14,7 +14,7 @@ from imud.flash.micropython import Prompt
 
 CONFIG, KEY = "wifi.json", "probe.key"  # on the board
 JOIN_S, GREET_S = 20, 10
-MARGIN_S = 20.0  # a board that is slow to answer, or looks for networks
+SCAN_S = 10.0
 
 # Without retries of its own, of which an ESP32 has any number: then it tells the cause.
 _STATION = (
@@ -46,13 +46,13 @@ def join(prompt: Prompt, name: str, password: str) -> IPv4Interface:
     """Its address in that network. FlashError with why it has none."""
     prompt.ask(_STATION)
     prompt.ask(f"s.disconnect()\ns.connect({name!r},{password!r})")
-    code = _JOIN.format(10 * JOIN_S)
-    is_joined, states, config = prompt.value(code, JOIN_S + MARGIN_S)
+    code = _JOIN.format(round(10 * JOIN_S))
+    is_joined, states, config = prompt.value(code, JOIN_S)
     if is_joined:
         return IPv4Interface(f"{config[0]}/{config[1]}")
     if {"STAT_WRONG_PASSWORD", "STAT_HANDSHAKE_TIMEOUT"} & {*states}:
         raise FlashError(f"{name} refused the password; run it again and type it again")
-    seen = prompt.value(_SEEN, MARGIN_S)
+    seen = prompt.value(_SEEN, SCAN_S)
     if name not in seen:
         others = ", ".join(seen) or "none"
         raise FlashError(
@@ -74,8 +74,8 @@ def host_towards(board: IPv4Address) -> IPv4Address:
 
 def greet(prompt: Prompt, board: IPv4Interface, host: IPv4Address, port: int) -> None:
     """FlashError with why if the daemon does not answer the board over the air."""
-    code = _GREET.format(str(host), port, KEY, 10 * GREET_S)
-    if prompt.value(code, GREET_S + MARGIN_S):
+    code = _GREET.format(str(host), port, KEY, round(10 * GREET_S))
+    if prompt.value(code, GREET_S):
         return
     if host not in board.network:
         raise FlashError(

@@ -23,9 +23,9 @@ import msgspec
 import pytest
 
 import programs
-from fakes import free_endpoint
+from fakes import PATIENCE_S, free_endpoint
 from imud import checkout, cli, packaged
-from imud.cli import flash_micropython, reached
+from imud.cli import check_ports, flash_micropython, reached
 from imud.errors import ConfigError, FlashError
 from imud.flash import micropython, serial_port, wifi
 from imud.flash.micropython import Prompt
@@ -40,6 +40,13 @@ SCHEMA = f"{FINGERPRINT:08x}"
 X64 = 6 | 3 << 8 | 2 << 10
 MINE = "from probe.start import start\nstart(1, 2, 3, 4, 5)\n"
 PINS = ("i2c", "sda", "scl", "ready", "button", "led")
+# Waits that end as soon as they may.
+PATIENT = {
+    check_ports: ("START_S", "PROBE_S", "WARNED_S"),
+    flash_micropython: ("HELLO_S",),
+    micropython: ("PROMPT_S", "ANSWER_S"),
+    wifi: ("GREET_S",),
+}
 AIR = {"seen": ["home", "guest"], "password": "secret", "address": "127.0.0.1"}
 
 pytestmark = pytest.mark.skipif(
@@ -66,6 +73,9 @@ def firmware(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr("imud.cli.arguments.ENDPOINT", endpoint)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)
+    for room, names in PATIENT.items():
+        for name in names:
+            monkeypatch.setattr(room, name, PATIENCE_S)
     return folder
 
 
@@ -109,7 +119,9 @@ def board(
 
 
 def test_a_blank_board_greets_over_usb_and_is_written_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     files = tmp_path / "board"
     words = ["--board", "micropython"]
@@ -119,7 +131,9 @@ def test_a_blank_board_greets_over_usb_and_is_written_once(
         assert not (files / "main.py").exists()
         assert cli.main(["flash", port, *words]) == 0
         said = capsys.readouterr().out
+        monkeypatch.setattr(micropython, "PROMPT_S", 0.0)
         assert cli.main(["flash", port, *words]) == 1
+        monkeypatch.setattr(micropython, "PROMPT_S", PATIENCE_S)
     assert "no prompt of MicroPython: if the board runs" in capsys.readouterr().err
     assert "Raspberry Pi Pico W, x64\n17 of 17 files copied and read back" in said
     assert "runs mpy 1.29 linux" in said
