@@ -117,6 +117,7 @@ def _borrowed(args: argparse.Namespace) -> Iterator[str]:
 def _forget(prompt: Prompt, port: str) -> int:
     for name in (wifi.CONFIG, wifi.KEY):
         prompt.remove(name)
+        prompt.remove(name + micropython.PART)  # of a copy that was cut off
     prompt.restart()
     say(
         f"{port}: network, password and key are deleted; delete the daemon's key, too: "

@@ -29,6 +29,7 @@ PROMPT_S, EACH_S = 2.0, 0.5  # some boards restart as their port is opened
 ANSWER_S = 10.0  # a board that erases a block of its flash
 PIECE = 150  # bytes of a file in a request
 MAIN, MODULE = "main.py", "imuprobe.mpy"
+PART = ".part"  # of the name of a file that is not whole
 NEWEST = "https://micropython.org/download"
 
 # MicroPython's "MicroPython .mpy files": the version in the low byte, the version of
@@ -189,7 +190,7 @@ class Prompt:
         for name, raw in new.items():
             if folder := name.rpartition("/")[0]:
                 self.ask(f"try:\n os.mkdir({folder!r})\nexcept OSError:pass")
-            part = f"{name}.part"
+            part = name + PART
             self.ask(f"f=open({part!r},'wb')")
             for at in range(0, len(raw), PIECE):
                 piece = base64.b64encode(raw[at : at + PIECE]).decode()

@@ -9,6 +9,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -23,7 +24,7 @@ import msgspec
 import pytest
 
 import programs
-from fakes import PATIENCE_S, free_endpoint
+from fakes import PATIENCE_S, DaemonProcess, free_endpoint
 from imud import checkout, cli, packaged
 from imud.cli import check_ports, flash_micropython, reached
 from imud.errors import ConfigError, FlashError
@@ -185,6 +186,29 @@ def test_a_blank_board_greets_over_the_air_in_one_command(
     assert not {*(tmp_path / "board").iterdir()} & {
         tmp_path / "board" / name for name in ("wifi.json", "probe.key")
     }
+
+
+def test_a_daemon_lends_the_port_and_takes_it_back(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(micropython, "PROMPT_S", 0.0)
+    files = tmp_path / "board"
+    shutil.copytree(tmp_path / "firmware" / "probe", files / "probe")
+    (files / micropython.MODULE).write_bytes(MODULE.read_bytes())
+    (files / micropython.MAIN).write_text(micropython.boards()[0].main)
+    with board(files) as port:
+        with serial_port.opened(port, micropython.BAUD) as wire:
+            wire.write(b"\x04")
+        with DaemonProcess(port, directory=tmp_path, log=False) as daemon:
+            found = re.search(r"probe (\w{16}) found", daemon.expect("found on"))
+            assert found is not None
+            words = ["--board", "micropython", "--connect", daemon.endpoint]
+            assert cli.main(["flash", found[1], *words]) == 1
+            assert "hold its button down while" in capsys.readouterr().err
+            daemon.expect("found on|: open$")
+            daemon.stop()
 
 
 @contextmanager
