@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from rosbags.typesys import Stores, get_typestore
-
 from imud.ros2.topics import TYPES
 
 HEAD = '''\
@@ -19,6 +17,9 @@ RIHS01 = {
 
 def module() -> str:
     """The text of the module. The hashes are the same since Iron."""
+    # Not needed for the C library, which is made where a release is.
+    from rosbags.typesys import Stores, get_typestore
+
     store = get_typestore(Stores.ROS2_JAZZY)
     rows = (
         f'    "{kind.name}": (\n        "{store.hash_rihs01(kind.name)}"\n    ),\n'
