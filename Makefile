@@ -114,7 +114,7 @@ hardware: $(solids)/ready ## parts to print, checked: build/hardware (ONLY=nano 
 	@$(solids)/bin/python -m hardware $(if $(ONLY),--only $(ONLY)) \
 	  $(if $(PICTURES),--pictures)
 
-bench: ## accuracy, or WHAT=afterwards, honesty, nano, mega, f405, pico, card, faults, host, bridge, attacks, hosts, calibration, limb, page, strokes, tip
+bench: ## accuracy, or WHAT=afterwards, honesty, nano, mega, f405, micropython, pico, card, faults, host, bridge, attacks, hosts, calibration, limb, page, strokes, tip
 	@$(PYTHON) -m benchmarks --check $(WHAT)
 	@$(PYTHON) tools/setup.py bench
 	@python -m benchmarks $(WHAT)

@@ -51,6 +51,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "firmware/cycles.py --board f405",
         "firmware/cycles.py --board f405-760",
     ),
+    "micropython": (
+        "the module's file on RISC-V and Arm in qemu: poses, instructions, heap",
+        "firmware/micropython.py",
+    ),
     "pico": (
         "the Pico's images: poses beside the host's, cycles; without data-ready",
         "firmware/pico.py",

@@ -4,73 +4,20 @@ them, and what it makes of them in a MicroPython on this machine."""
 
 from __future__ import annotations
 
-import struct
 import subprocess
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from imud.virtual import sensors
+from benchmarks.firmware.micropython import ABOUT, ALL, MAG_NULL, RATE_HZ, Tape, hand
 from imud.wire import schema
-from imud.wire.frame import FrameDecoder, encode_frame
-from imud.wire.messages import Message, decode, encode
+from imud.wire.frame import FrameDecoder
+from imud.wire.messages import Message, decode
+
+__all__ = ("ABOUT", "ALL", "RATE_HZ", "Command", "Tape", "fed", "hand", "sent", "taped")
 
 Command = tuple[str, ...]
 
 FEED = Path(__file__).parent / "micropython" / "feed.py"
-RATE_HZ = 200
-MAG_NULL = -32768
-ABOUT = (int(schema.Sensor.MPU9250), RATE_HZ, 4788403, 1065264, 150000, 0x71)
-LSB = (4788403e-9, 1065264e-9, 0.15)  # m/s2, rad/s and uT: the same
-ALL = int(schema.StreamFlags.POSE | schema.StreamFlags.RAW)
-
-
-@dataclass
-class Tape:
-    """Samples and commands as feed.py reads them."""
-
-    data: bytearray = field(default_factory=bytearray)
-    tokens: int = 0
-
-    def sample(self, time_us: int, values: Iterable[int]) -> None:
-        self.data += struct.pack("<I11h", time_us, *values)
-
-    def sensor(self, time_us: int, *about: int) -> None:
-        """Kind, rate, lsb of acceleration, rate and field, WHO_AM_I."""
-        self.data += struct.pack("<8I", 0xFFFFFFFE, *about, time_us)
-
-    def command(
-        self, time_us: int, name: str, first: int = 0, second: int = 0, size: int = 99
-    ) -> None:
-        """In pieces of `size` bytes."""
-        self.tokens += 1
-        fields = {
-            "command": name,
-            "token": self.tokens,
-            "arguments": (first, second),
-        }
-        frame = encode_frame(encode("command", fields, self.tokens, 0))
-        for at in range(0, len(frame), size):
-            piece = frame[at : at + size]
-            self.data += struct.pack("<III", 0xFFFFFFFF, time_us, len(piece)) + piece
-
-
-def hand(seconds: float) -> list[tuple[int, tuple[int, ...]]]:
-    """A hand's motion as samples: device time, us, and the values of a raw message."""
-    moved = sensors.generate(seconds, seed=3)
-    step = round(moved.rate_hz / RATE_HZ)
-    kinds = zip((moved.acc, moved.gyr, moved.mag), LSB, strict=True)
-    counts = np.hstack([np.rint(kind[::step] / lsb) for kind, lsb in kinds])
-    rows = np.clip(counts, -32767, 32767).astype(int)
-    found = []
-    for number, row in enumerate(rows):
-        acc_gyr, mag = tuple(row[:6]), tuple(row[6:])
-        has_mag = number % 2 == 0
-        values = (*acc_gyr, *(mag if has_mag else (MAG_NULL,) * 3), 2500, 0)
-        found.append((1000 + number * 5000, values))
-    return found
 
 
 def fed(

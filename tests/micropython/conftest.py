@@ -43,5 +43,6 @@ def micropython() -> Command:
 
 
 def command(program: Path, *places: Path) -> Command:
-    path = ":".join(map(str, (*places, Path(__file__).parent / "stock")))
+    shared = (Path(__file__).parent / "stock", ROOT / "benchmarks" / "firmware")
+    path = ":".join(map(str, (*places, *shared)))
     return ("env", f"MICROPYPATH={path}", str(program), "-X", "heapsize=64m")

@@ -91,8 +91,9 @@ def refused(work):
 probe = imuprobe.Probe(None, id=b"seam", firmware="seam", room=8192)
 print(tell_times(probe))
 probe.attach(imuprobe.MPU9250, Bus(), None)
-for error in (OSError(5), OSError(), OwnError(110), KeyError("own")):
+for error in (OSError(5), OSError(), OwnError(110), OSError(116), KeyError("own")):
     print(raised(probe, error))
 print(refused(lambda: imuprobe.Probe(None, id=b"x")))
 print(refused(lambda: probe.sample(b"12")))
 print(refused(lambda: probe.attach(99, Bus(), None)))
+print("DONE")

