@@ -25,7 +25,7 @@ from typing import Any, cast
 import msgspec
 import numpy as np
 
-from imud.errors import FileError
+from imud.errors import FileError, reason
 from imud.log.file import LogFile, Settings
 from imud.probes.probe import Probe
 from imud.probes.record import Record, Stamp, record_of
@@ -329,8 +329,10 @@ def write(found: Iterator[Imported], source: Path, log: Path) -> tuple[str, Impo
             out = LogFile(file, Settings())
             probe, last = _write(found, source, out, bar)
             out.finish()
-    except BaseException:
+    except BaseException as error:
         log.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise FileError(f"can't write {log}: {reason(error)}") from error
         raise
     finally:
         bar.end()

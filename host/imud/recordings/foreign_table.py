@@ -65,6 +65,8 @@ def parts(
     """
     only = only or {}
     suffix = path.suffix.lower()
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise FileError(f"{path} is a pipe, and is read more than once: use a file")
     try:
         if suffix in (".bag", ".db3", ".mcap") or (path / "metadata.yaml").exists():
             yield _bag(path, topics)

@@ -6,6 +6,7 @@ they can't be true; the same in a long file, which is read in parts.
 from __future__ import annotations
 
 import csv
+import errno
 import itertools
 import json
 import os
@@ -21,6 +22,7 @@ import pytest
 from foreign_csv import EVEN, lines, motion_with, named
 from imud import cli
 from imud.errors import FileError
+from imud.log.file import LogFile
 from imud.log.reader import Logged, salvage
 from imud.probes.probe import Probe
 from imud.probes.record import Stamp, describe
@@ -78,6 +80,25 @@ def test_a_file_that_can_not_be_read_on_leaves_no_log(
 
     with pytest.raises(FileError, match=end):
         foreign_log.write(parts(), path, log)
+    assert not log.exists()
+
+
+def test_a_pipe_and_a_full_disk_are_told_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    pipe, log = tmp_path / "pipe.csv", tmp_path / "a.mcap"
+    os.mkfifo(pipe)
+    assert cli.main(["import", str(pipe)]) == 1
+    assert "pipe.csv is a pipe, and is read more than once" in capsys.readouterr().err
+
+    def add(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "no space")
+
+    monkeypatch.setattr(LogFile, "add", add)
+    path = motion_with(tmp_path / "a.csv", EVEN)
+    assert cli.main(["import", str(path)]) == 1
+    said = capsys.readouterr().err
+    assert f"can't write {log}: No space left on device; what imud writes to" in said
     assert not log.exists()
 
 
