@@ -26,11 +26,16 @@ class FakePort extends EventTarget {
   readable = null;
   writable = null;
   async open({ baudRate }) {
+    if (this.readable || this.isTaken) throw new DOMException("taken", "NetworkError");
     this.baudRate = baudRate;
-    const begin = (controller) => { this.controller = controller; };
-    this.readable = new ReadableStream({ start: begin });
-    const write = (bytes) => globalThis.heard([...bytes]);
+    this.begin();
+    const never = new Promise(() => {});
+    const write = (bytes) => this.isFull ? never : globalThis.heard([...bytes]);
     this.writable = new WritableStream({ write });
+  }
+  begin() {
+    const start = (controller) => { this.controller = controller; };
+    this.readable = new ReadableStream({ start });
   }
   async close() { this.readable = this.writable = null; }
   getInfo() { return { usbVendorId: 0x1a86, usbProductId: 0x7523 }; }
@@ -38,13 +43,19 @@ class FakePort extends EventTarget {
     const bytes = Uint8Array.from(atob(text), (each) => each.charCodeAt(0));
     this.controller.enqueue(bytes);
   }
+  stumble() {
+    const { controller } = this;
+    this.begin();
+    controller.error(new DOMException("a wrong stop bit", "FramingError"));
+  }
   vanish() {
-    this.readable = null;
+    this.readable = this.writable = null;
     this.controller.error(new DOMException("it is lost", "NetworkError"));
   }
 }
 const serial = new EventTarget();
-globalThis.port = new FakePort();
+globalThis.replug = () => { globalThis.port = new FakePort(); };
+globalThis.replug();
 serial.requestPort = async () => globalThis.port;
 Object.defineProperty(navigator, "serial", { value: serial });
 """

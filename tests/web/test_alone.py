@@ -91,9 +91,7 @@ def assert_the_same(
             page.say(data[at : at + CHUNK])
         page.until("(count) => globalThis.kept.length >= count", len(wanted))
         found = page.page.evaluate("globalThis.kept")
-        lost = page.page.evaluate(
-            "globalThis.imud.link._all[0].opened.reader.account.lost"
-        )
+        lost = page.page.evaluate("globalThis.imud.link._all[0].reader.account.lost")
     assert len(found) == len(wanted) > 100
     for is_, should in zip(found, wanted, strict=True):
         assert plain(is_) == plain(should)
@@ -331,6 +329,70 @@ def test_its_policy_lets_it_ask_nobody(page: Alone) -> None:
 
 def test_a_port_of_another_baud_rate_is_found(page: Alone) -> None:
     page.connect()
-    page.page.clock.fast_forward(60 * 4000)
+    for _ in range(4):  # bytes of a wrong rate end one stream after the other
+        page.page.evaluate("globalThis.port.stumble()")
+        page.page.clock.fast_forward(60 * 1000)
     page.until("globalThis.port.baudRate === 921600")
     page.play(FakeProbe(board="f405"), "Boolean(globalThis.imud.model.probe)", **POSE)
+
+
+def test_a_device_that_is_no_probe_is_left_alone(page: Alone) -> None:
+    page.page.evaluate("globalThis.port.isTaken = true")
+    page.page.get_by_role("button", name="Connect a probe").click()
+    page.page.get_by_text("can't open USB 1a86:7523: end what else uses").wait_for()
+    page.page.evaluate("globalThis.port.isTaken = false")
+    page.connect()
+    for baud in (921600, 500000, 921600):
+        page.say(b"ok T:21.3\n\0")
+        page.page.clock.fast_forward(60 * 4000)
+        page.until(f"globalThis.port.baudRate === {baud}")
+    page.page.clock.fast_forward(60 * 4000)
+    page.page.get_by_text("No probe was heard on USB 1a86:7523: choose").wait_for()
+    assert page.page.evaluate("globalThis.port.readable") is None
+    page.connect()
+    page.play(FakeProbe(), "Boolean(globalThis.imud.model.probe)", **POSE)
+
+
+def test_a_probe_may_change_its_port(page: Alone) -> None:
+    probe, seen = FakeProbe(), page.page
+    streams = "globalThis.imud.model.probe?.status?.state === 'streaming'"
+    page.connect()
+    page.play(probe, streams, **POSE)
+    seen.evaluate("globalThis.port.isFull = true")
+    seen.get_by_role("button", name="Set origin", exact=True).first.click()
+    seen.clock.fast_forward(60 * 1000)
+    seen.evaluate("globalThis.port.vanish()")
+    seen.clock.fast_forward(60 * 1000)
+    seen.get_by_text("the probe is unplugged; plug it in").wait_for()
+    seen.evaluate("globalThis.replug()")
+    seen.get_by_role("button", name="Connect another").click()
+    page.until("Boolean(globalThis.port.readable)")
+    page.play(probe, streams, **POSE)
+    seen.get_by_role("button", name="Set origin", exact=True).first.click()
+    page.play(probe, text_of(".toasts", "Set origin: done"), **POSE)
+    states = seen.evaluate(STATES)
+    assert set(states) == {"streaming"}
+
+
+STATES = """async () => {
+  const told = [];
+  const { link } = globalThis.imud;
+  link.addEventListener("line", ({ detail }) => {
+    if (detail.type === "status") told.push(detail.state);
+  });
+  for (let count = 0; count < 3; count++) link._tick();
+  return told;
+}"""
+
+
+def test_a_probe_of_another_schema_that_is_unplugged_is_told(page: Alone) -> None:
+    seen, hello = page.page, FakeProbe(schema_fingerprint=1).content("hello")
+    page.connect()
+    page.say(encode_frame(hello[:46]))  # a schema that has fewer fields
+    seen.get_by_role("link", name="Probes", exact=True).click()
+    seen.get_by_text("other firmware").first.wait_for()
+    seen.evaluate("globalThis.port.vanish()")
+    seen.get_by_text("unplugged", exact=True).wait_for()
+    for name in ("Probe", "Aim", "Signals"):
+        seen.get_by_role("link", name=name, exact=True).click()
+    seen.get_by_role("button", name="CSV").wait_for()

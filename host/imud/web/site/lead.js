@@ -34,11 +34,11 @@ const NAMES = /** @type {Step[]} */ (Object.keys(STEPS)).filter((name) => !isAlo
 /** What each state needs. @type {Record<string, string>} */
 const MISSING = {
   calibrating: "is starting: lay it still for 3 s",
-  gone: "is unplugged: plug it in again",
+  gone: `is unplugged: plug it in again${isAlone ? "; in another socket, press Connect another" : ""}`,
   silent: "does not answer: check its cable, or switch it off and on",
   fault: "has a fault: its card under Probes says which",
   "other schema": isAlone
-    ? "has firmware of another version: update that, or take this page of its version"
+    ? "has firmware of another version: update it, or use the page of its version"
     : "has firmware of another version: update it under Probes",
 };
 
@@ -128,9 +128,7 @@ export class Lead {
     const { link, page, mayCommand } = this._model;
     if (isAlone) {
       const { unheard } = /** @type {import("./usb/link.js").UsbLink} */ (link);
-      const text = unheard
-        ? `${unheard} is open, but no probe was heard yet: a Nano needs 2 s. Is it the right port?`
-        : "Plug one in by USB, then choose its port.";
+      const text = unheard || "Plug one in by USB, then choose its port.";
       return { head: "No probe yet.", text, actions: [{ text: "Connect a probe", act: () => link.connect() }] };
     }
     const head = page.virtual === "running" ? "The virtual probe is starting." : "No probe yet.";

@@ -7,7 +7,7 @@
 /** @typedef {"connecting" | "open" | "silent" | "login" | "lost"} LinkState */
 /** @typedef {{ side: string, probes: Record<string, string> }} LimbSetup the ids of probes by segment */
 
-/** Whether this is the page of `imud page`, which has no daemon. */
+/** Whether this is the page of `imud view --to`, which has no daemon. */
 export const isAlone = document.documentElement.dataset.daemon === "none";
 
 /** Emits "line" for each line but heads, and "state". */

@@ -3,7 +3,7 @@
 // Those verdicts of `imud check` that a status tells: no motion, no spectra, no clock.
 
 import { make, scrolling } from "../dom.js";
-import { SPECIFIED_DEGC, SUPPLY_MV, WARM_DEGC } from "./wire.js";
+import { FINGERPRINT, SPECIFIED_DEGC, SUPPLY_MV, WARM_DEGC } from "./wire.js";
 
 /** @typedef {[name: string, measured: string, normal: string, verdict: string, advice?: string]} Row */
 
@@ -69,7 +69,7 @@ export class CheckCard {
 
   draw() {
     const status = this._model.probe?.status;
-    this.element.hidden = !status?.hello || status.state === "other schema";
+    this.element.hidden = status?.hello?.schema_fingerprint !== FINGERPRINT;
     const rows = this.element.hidden ? [] : rowsOf(status);
     const text = JSON.stringify(rows);
     if (text !== this._shown) {

@@ -15,12 +15,14 @@ const READS = ["pose", "raw", "status", "params", "event", "stroke", "path", "ma
 export class UsbLink extends Link {
   constructor() {
     super();
-    /** @type {{ opened: UsbPort, marks: MarkBook }[]} */
+    /** @type {UsbPort[]} */
     this._all = [];
+    /** @type {Record<string, MarkBook>} by probe, which may change its port */
+    this._marks = {};
     this._ticks = 0;
     this._serial = /** @type {any} */ (navigator).serial;
     this._serial?.addEventListener("connect", (/** @type {Event} */ { target }) => {
-      this._all.find(({ opened }) => opened.port === target)?.opened.open().catch(() => {});
+      this._all.find(({ port }) => port === target)?.open().catch(() => {});
     });
     setInterval(() => this._tick(), TICK_MS);
   }
@@ -31,10 +33,25 @@ export class UsbLink extends Link {
     this._emit({ type: "page", imud: document.documentElement.dataset.version ?? "", role: "this page alone", reads: READS, commands: true });
   }
 
-  /** Ports on which no probe was heard yet, in words. */
+  /** About ports on which no probe was heard yet. */
   get unheard() {
-    const silent = this._all.filter(({ opened }) => !opened.reader.probe);
-    return silent.map(({ opened }) => `${opened.name} at ${opened.baud} baud`).join(", ");
+    const silent = this._all.filter(({ reader }) => !reader.probe);
+    const open = silent.filter(({ isOpen }) => isOpen);
+    const names = open.map(({ name, baud }) => `${name} at ${baud} baud`).join(", ");
+    if (names) {
+      return `${names} is open, but no probe was heard yet: a Nano needs 2 s. Is it the right port?`;
+    }
+    const others = silent.filter(({ isGivenUp }) => isGivenUp).map(({ name }) => name);
+    return others.length > 0 ? `No probe was heard on ${others.join(", ")}: choose another port, or write firmware into the board.` : "";
+  }
+
+  /**
+   * Where a probe is; behind a change of its port, the one that is open.
+   * @param {string} probe
+   */
+  _portOf(probe) {
+    const all = this._all.filter(({ reader }) => reader.probe === probe);
+    return all.find(({ isOpen }) => isOpen) ?? all[0];
   }
 
   /** @override */
@@ -50,21 +67,23 @@ export class UsbLink extends Link {
     if (!port) {
       return;
     }
-    const known = this._all.find(({ opened }) => opened.port === port);
-    const opened = known?.opened ?? new UsbPort(port, (line) => this._emit(line));
+    const known = this._all.find((each) => each.port === port);
+    const opened = known ?? new UsbPort(port, (line) => this._emit(line));
     if (!opened.isOpen) {
-      await opened.open();
+      await opened.open().catch(() => {
+        throw new Error(`can't open ${opened.name}: end what else uses it (imud run, a serial monitor); on Linux join the group dialout`);
+      });
     }
     if (known === undefined) {
-      this._all.push({ opened, marks: new MarkBook() });
+      this._all.push(opened);
     }
   }
 
   _tick() {
     this._ticks += 1;
-    for (const { opened } of this._all) {
+    for (const opened of this._all) {
       const { reader, isOpen, name } = opened;
-      if (reader.probe) {
+      if (reader.probe && this._portOf(reader.probe) === opened) {
         reader.tick(isOpen ? `${name}, ${opened.baud} baud` : null, Date.now());
       }
       const isUnknown = reader.hello !== null && !reader.isOther && reader.params.records === null;
@@ -80,12 +99,11 @@ export class UsbLink extends Link {
    * @returns {Promise<any>}
    */
   async _request(message) {
-    const found = this._all.find(({ opened }) => opened.reader.probe === message.probe);
-    if (message.do !== "ask" || found === undefined) {
+    const { probe, command, parameters } = message;
+    const opened = this._portOf(probe);
+    if (message.do !== "ask" || opened === undefined) {
       return super._request(message);
     }
-    const { opened, marks } = found;
-    const { probe, command, parameters } = message;
     if (command === "aim") {
       return { value: null }; // the page judges it by the pose itself
     }
@@ -93,6 +111,7 @@ export class UsbLink extends Link {
       return { value: { q: opened.reader.pose.q } };
     }
     if (command === "mark") {
+      const marks = (this._marks[probe] ??= new MarkBook());
       const value = marks.take(opened.reader, parameters, Date.now());
       this._emit({ type: "marks", probe, marks: marks.all });
       return { value };

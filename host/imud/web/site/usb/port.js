@@ -13,6 +13,8 @@ const BAUDS = [500_000, 921_600]; // of a Nano and an F405; a Pico takes any
 const HELLO_MS = 4000; // a Nano begins again when its port is opened
 const REPLY_MS = 1000;
 const TRIES = 3;
+const ROUNDS = 2; // of all baud rates: each opening restarts an Arduino that is no probe
+const GONE = "the probe is unplugged; plug it in";
 const BUFFER = 1 << 16; // bytes: a second
 
 /**
@@ -55,6 +57,11 @@ export class UsbPort {
     return BAUDS[this._tries % BAUDS.length];
   }
 
+  /** Whether no baud rate had a probe. */
+  get isGivenUp() {
+    return this._tries > 0 && this._tries % (ROUNDS * BAUDS.length) === 0;
+  }
+
   get name() {
     const { usbVendorId: vendor, usbProductId: product } = this.port.getInfo();
     const digits = [vendor, product].map((each) => each?.toString(16).padStart(4, "0"));
@@ -71,14 +78,17 @@ export class UsbPort {
   async _read() {
     const { reader, port } = this;
     let isWrong = false; // the baud rate
+    /** @type {any} */
+    let stream;
+    // Of all streams: at a wrong baud rate one after the other ends by damaged bytes.
+    const timer = setTimeout(() => {
+      isWrong = reader.hello === null;
+      if (isWrong) {
+        stream.cancel().catch(() => {});
+      }
+    }, HELLO_MS);
     while (port.readable && !isWrong) {
-      const stream = port.readable.getReader();
-      const timer = setTimeout(() => {
-        isWrong = reader.hello === null;
-        if (isWrong) {
-          stream.cancel();
-        }
-      }, HELLO_MS);
+      stream = port.readable.getReader();
       try {
         for (;;) {
           const { value, done } = await stream.read();
@@ -90,14 +100,16 @@ export class UsbPort {
       } catch {
         // A break or a damaged byte: the port goes on with another stream.
       }
-      clearTimeout(timer);
       stream.releaseLock();
     }
+    clearTimeout(timer);
     this.isOpen = false;
     await port.close().catch(() => {});
     if (isWrong) {
       this._tries += 1;
-      await this.open().catch(() => {});
+      if (!this.isGivenUp) {
+        await this.open().catch(() => {});
+      }
     }
   }
 
@@ -124,18 +136,20 @@ export class UsbPort {
     if (values.some(Number.isNaN)) {
       throw new Error(usage);
     }
-    if (!this.isOpen) {
-      throw new Error("the probe is unplugged; plug it in");
-    }
     this._token = (this._token % 0xffff) + 1;
     const token = this._token;
     const frame = commandFrame(number, token, [values[0] ?? 0, values[1] ?? 0]);
     for (let tries = 0; tries < TRIES; tries++) {
-      const writer = this.port.writable.getWriter();
+      const { writable } = this.port;
+      if (!this.isOpen || !writable) {
+        throw new Error(GONE);
+      }
       const reply = await Promise.race([
         new Promise((resolve, reject) => {
           this._waiting.set(token, resolve);
-          writer.write(frame).catch(reject).finally(() => writer.releaseLock());
+          const writer = writable.locked ? null : writable.getWriter(); // the try before
+          const written = writer?.write(frame).catch(() => reject(new Error(GONE)));
+          written?.finally(() => writer.releaseLock());
         }),
         new Promise((resolve) => setTimeout(resolve, REPLY_MS)),
       ]);
