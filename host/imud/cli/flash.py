@@ -70,7 +70,7 @@ def add(commands: Commands) -> None:
     # Its page has begun it, and answers on stdin: cli/flash_client.py.
     flash.add_argument("--for-page", action="store_true", help=argparse.SUPPRESS)
     add_network(flash)
-    flash.set_defaults(run=_flash)
+    flash.set_defaults(run=_flash, parser=flash)
 
 
 def _add_wifi(flash: argparse.ArgumentParser) -> None:
@@ -99,7 +99,14 @@ def _add_wifi(flash: argparse.ArgumentParser) -> None:
 
 
 def _flash(args: argparse.Namespace) -> int:
-    if args.board == "micropython" or args.wifi or args.forget_wifi:
+    has_wifi = args.wifi is not None or args.forget_wifi
+    if args.board == "micropython" or has_wifi:
+        if args.board not in (None, "micropython"):
+            args.parser.error(f"--board {args.board} is for a board without Wi-Fi")
+        if args.wifi == "":
+            args.parser.error("--wifi needs the name of a network")
+        if args.image or args.filter or args.by:
+            args.parser.error("--image, --filter, --by: not for micropython")
         from imud.cli import flash_micropython
 
         return flash_micropython.run(args)

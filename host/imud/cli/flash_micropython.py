@@ -10,6 +10,7 @@ import contextlib
 import getpass
 import json
 import re
+import shutil
 import sys
 import tempfile
 import time
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         ):
             prompt = Prompt(wire)
             if args.forget_wifi:
-                return _forget(prompt, port)
+                return _forget(prompt, port, args.dry_run)
             board = prompt.board(needs_wifi=bool(args.wifi))
             if _copied(args, prompt, port, board) is None:
                 return 0
@@ -85,7 +86,8 @@ def _is_own(prompt: Prompt, port: str, ours: str) -> bool:
     """
     text = prompt.value(
         f"try:print(repr(open({micropython.MAIN!r}).read(4000)))\n"
-        "except OSError:print(repr(''))"
+        "except OSError:print(repr(''))",
+        str,
     )
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     if "from probe" not in text and any(map(str.strip, lines)):
@@ -114,7 +116,10 @@ def _borrowed(args: argparse.Namespace) -> Iterator[str]:
     yield args.port or check_ports.only_port(COMMAND)
 
 
-def _forget(prompt: Prompt, port: str) -> int:
+def _forget(prompt: Prompt, port: str, is_dry: bool) -> int:
+    if is_dry:
+        say(f"{port}: {wifi.CONFIG} and {wifi.KEY} would be deleted; nothing was")
+        return 0
     for name in (wifi.CONFIG, wifi.KEY):
         prompt.remove(name)
         prompt.remove(name + micropython.PART)  # of a copy that was cut off
@@ -138,7 +143,10 @@ class Air:
     ) -> None:
         self._name: str = args.wifi
         self._file: Path = args.config
-        self._password = getpass.getpass(f"password of {args.wifi}: ")
+        try:
+            self._password = getpass.getpass(f"password of {args.wifi}: ")
+        except EOFError as error:
+            raise FlashError("no password; the board was not changed") from error
         self._client = client
         self._check = check
         self._keys = Path(ports.udp_keys)
@@ -228,7 +236,9 @@ def _daemon_for_air(args: argparse.Namespace, stack: contextlib.ExitStack) -> Ai
 def _agrees(question: str) -> bool:
     if not sys.stdin.isatty():
         return False
-    return input(f"{question} [y/N] ").strip().lower() in ("y", "yes")
+    with contextlib.suppress(EOFError):
+        return input(f"{question} [y/N] ").strip().lower() in ("y", "yes")
+    return False
 
 
 def _lines(udp: str, keys: str) -> str:
@@ -240,16 +250,19 @@ def open_udp(file: Path, keys: Path) -> None:
     lines if that can't be done.
     """
     lines = _lines(f"{EVERYWHERE}:{UDP_PORT}", str(keys))
-    part = file.with_name(f"{file.name}.part")
+    real = file.resolve()  # of a link
+    part = real.with_name(f"{real.name}.part")
     try:
         text = file.read_text("utf-8") if file.exists() else ""
+        if file.exists():
+            shutil.copy(real, part)  # its permissions
         text = re.sub(r'(?m)^udp(_keys)?\s*=\s*""\s*(#.*)?\n', "", text)
         head = re.search(r"(?m)^\[ports\][^\n]*\n", text)
         at = len(text) if head is None else head.end()
         title = "" if head is not None else "\n[ports]\n" if text else "[ports]\n"
         part.write_text(text[:at] + title + lines + text[at:], "utf-8")
         reader.load(part)
-        part.replace(file)
+        part.replace(real)
     except (OSError, ConfigError) as error:
         hint = lines.strip().replace("\n", ", ")
         raise ConfigError(f"can't open it in {file}: add to [ports]: {hint}") from error

@@ -46,6 +46,8 @@ PACKAGE = (
     *("relay", "sensors", "spi", "start", "storage", "udp", "wifi"),
 )
 
+# What ast.literal_eval raises, of any text.
+_UNREADABLE = (ValueError, SyntaxError, TypeError, MemoryError, RecursionError)
 _FACTS = (
     "import sys\ni=sys.implementation\n"
     "print((i._machine,i.version[:2],getattr(i,'_mpy',0)))"
@@ -121,18 +123,18 @@ class Prompt:
         text = heard.partition(b"OK")[2].removesuffix(b"\x04>").decode(errors="replace")
         out, _, fault = text.partition("\x04")
         if fault:
-            said = fault.strip().splitlines()[-1]
+            said = fault.strip().rpartition("\n")[2]
             if said.startswith("OSError") and "28" in said:  # ENOSPC
                 said = "its file system is full; remove files that it does not need"
             raise FlashError(f"the board refused: {said}")
         return out.strip()
 
-    def value(self, code: str, takes_s: float = 0.0) -> Any:
-        """What some lines print, as a value of Python."""
+    def value(self, code: str, kind: Any, takes_s: float = 0.0) -> Any:
+        """What some lines print, as a value of Python of that kind."""
         text = self.ask(code, takes_s)
         try:
-            return ast.literal_eval(text)
-        except (ValueError, SyntaxError) as error:
+            return msgspec.convert(ast.literal_eval(text), kind)
+        except (*_UNREADABLE, msgspec.ValidationError) as error:
             raise FlashError(f"the board answered {text[:60]!r}; try again") from error
 
     def _until(self, end: bytes, seconds: float) -> tuple[bytes, bool]:
@@ -149,7 +151,8 @@ class Prompt:
 
     def board(self, *, needs_wifi: bool = False) -> Board:
         """The board's row; FlashError with what to do if there is nothing for it."""
-        machine, version, mpy = self.value(_FACTS)
+        facts = self.value(_FACTS, tuple[str, tuple[int, int], int])
+        machine, version, mpy = facts
         abi, number = (mpy & 0xFF, mpy >> 8 & 3), mpy >> 10 & 15
         said = f"MicroPython {version[0]}.{version[1]} on {machine}"
         if abi != ABI:
@@ -178,7 +181,7 @@ class Prompt:
         """The SHA-256 of each file of these names that the board has."""
         self.ask(_IMPORTS)
         self.ask(_DIGEST)
-        return {name: self.value(f"print(repr(d({name!r})))") for name in names}
+        return {n: self.value(f"print(repr(d({n!r})))", str | None) for n in names}
 
     def put(self, files: Mapping[str, bytes], on_progress: OnProgress) -> int:
         """Copies the files that differ, and reads them back; returns their number. Each

@@ -54,7 +54,11 @@ def _told(port: str) -> Iterator[None]:
         yield
     except serial.SerialTimeoutException as error:
         raise FlashError(f"{port} takes no bytes; plug the board in again") from error
+    except (BrokenPipeError, UnicodeEncodeError):
+        raise  # of what was printed, or of an argument
     except (OSError, ValueError) as error:  # a SerialException is an OSError
+        if getattr(error, "filename", None) not in (None, port):
+            raise  # of another file
         raise FlashError(
             f"{port} can't be used or was lost: {reason(error)}"
         ) from error

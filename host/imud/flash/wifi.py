@@ -47,12 +47,13 @@ def join(prompt: Prompt, name: str, password: str) -> IPv4Interface:
     prompt.ask(_STATION)
     prompt.ask(f"s.disconnect()\ns.connect({name!r},{password!r})")
     code = _JOIN.format(round(10 * JOIN_S))
-    is_joined, states, config = prompt.value(code, JOIN_S)
+    found = prompt.value(code, tuple[bool, list[str], tuple[str, ...]], JOIN_S)
+    is_joined, states, config = found
     if is_joined:
         return IPv4Interface(f"{config[0]}/{config[1]}")
     if {"STAT_WRONG_PASSWORD", "STAT_HANDSHAKE_TIMEOUT"} & {*states}:
         raise FlashError(f"{name} refused the password; run it again and type it again")
-    seen = prompt.value(_SEEN, SCAN_S)
+    seen = prompt.value(_SEEN, list[str], SCAN_S)
     if name not in seen:
         others = ", ".join(seen) or "none"
         raise FlashError(
@@ -68,14 +69,19 @@ def join(prompt: Prompt, name: str, password: str) -> IPv4Interface:
 def host_towards(board: IPv4Address) -> IPv4Address:
     """This machine's address, as that board reaches it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        asked.connect((str(board), 9))  # nothing is sent
+        try:
+            asked.connect((str(board), 9))  # nothing is sent
+        except OSError as error:
+            raise FlashError(
+                f"this machine has no way to {board}: join it to the same network"
+            ) from error
         return IPv4Address(asked.getsockname()[0])
 
 
 def greet(prompt: Prompt, board: IPv4Interface, host: IPv4Address, port: int) -> None:
     """FlashError with why if the daemon does not answer the board over the air."""
     code = _GREET.format(str(host), port, KEY, round(10 * GREET_S))
-    if prompt.value(code, GREET_S):
+    if prompt.value(code, bool, GREET_S):
         return
     if host not in board.network:
         raise FlashError(

@@ -182,6 +182,8 @@ def test_a_blank_board_greets_over_the_air_in_one_command(
     told = json.loads((tmp_path / "board" / "wifi.json").read_text())
     assert told["host"] == "127.0.0.1"
     with board(tmp_path / "board") as port:
+        assert cli.main(["flash", port, "--forget-wifi", "--dry-run"]) == 0
+        assert (tmp_path / "board" / "wifi.json").exists()
         assert cli.main(["flash", port, "--forget-wifi"]) == 0
     assert not {*(tmp_path / "board").iterdir()} & {
         tmp_path / "board" / name for name in ("wifi.json", "probe.key")
@@ -312,6 +314,85 @@ def test_a_board_whose_button_is_held_at_start_is_at_its_prompt() -> None:
     about = {"BOARD_MACHINE": "", "BOARD_MPY": "0", "BOARD_PINS": "0"}
     done = programs.ran(STOCK, "-c", code, env={"MICROPYPATH": path} | about)
     assert done.stdout == "prompt\n", done.stderr
+
+
+class Garbage:
+    """A port that answers everything alike."""
+
+    def __init__(self, answer: bytes) -> None:
+        self._answer = answer
+        self._said = b""
+
+    def write(self, data: bytes) -> None:
+        is_raw = data.endswith(b"\x01")
+        answer = b"raw REPL; CTRL-B to exit\r\n>" if is_raw else self._answer
+        self._said += answer if is_raw else b"OK" + answer + b"\x04>"
+
+    def read(self, _size: int = 1) -> bytes:
+        byte, self._said = self._said[:1], self._said[1:]
+        return byte
+
+
+@pytest.mark.parametrize(
+    "answer",
+    ["5", "(1, 2)", "('Pico', (1,), 'x')", "(" * 9999, "{[]}", "\x04\r\n", "\xff"],
+)
+def test_a_board_that_answers_anything_is_told_in_words(answer: str) -> None:
+    with pytest.raises(FlashError, match=r"the board (answered|refused)"):
+        Prompt(Garbage(answer.encode("latin-1"))).board()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--board", "nano", "--wifi", "home"], "--board nano is for a board without"),
+        (["--wifi", ""], "--wifi needs the name of a network"),
+        (["--board", "micropython", "--image", "a.hex"], "not for micropython"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["flash", "/dev/null", *words])
+    assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "fault", [BrokenPipeError(), PermissionError(13, "no", "a.key"), "\udcff"]
+)
+def test_a_fault_beside_the_port_is_not_blamed_on_it(fault: Any) -> None:
+    ours, theirs = os.openpty()
+    with (
+        pytest.raises((OSError, UnicodeEncodeError)),
+        serial_port.opened(os.ttyname(theirs), 115_200),
+    ):
+        if isinstance(fault, str):
+            fault.encode()
+        raise fault
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_a_password_that_is_not_typed_ends_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(_question: str) -> str:
+        raise EOFError
+
+    monkeypatch.setattr("getpass.getpass", ended)
+    monkeypatch.setattr(flash_micropython, "EVERYWHERE", "127.0.0.1")
+    monkeypatch.setattr(flash_micropython, "UDP_PORT", free_udp_port())
+    file = tmp_path / "imud.toml"
+    kept = tmp_path / "kept.toml"
+    kept.write_text("twin = true\n")
+    kept.chmod(0o600)
+    file.symlink_to(kept)
+    assert cli.main(["flash", "/dev/null", "--wifi", "home", "--yes"]) == 1
+    assert "no password; the board was not changed" in capsys.readouterr().err
+    assert file.is_symlink()
+    assert "udp_keys" in kept.read_text()
+    assert kept.stat().st_mode & 0o777 == 0o600
 
 
 def test_the_guide_has_the_boards_and_their_pins(root: Path) -> None:
