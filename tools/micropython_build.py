@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Builds MicroPython's own ports for tests, in build/micropython: `unix` with the
-module and the modelled sensors inside; `riscv` and `arm`, boards of qemu with nothing
-of ours. `check` compiles the package for every processor, and checks its calls of
-MicroPython by the stubs of PyPI.
+module and the modelled sensors inside; `riscv`, `arm` and `arm-fpu`, boards of qemu
+with nothing of ours. `check` compiles the package for every processor, and checks its
+calls of MicroPython by the stubs of PyPI.
 """
 
 from __future__ import annotations
@@ -46,6 +46,10 @@ PORTS = {
         *(f"CC={RISC_V}-gcc -misa-spec=2.2", f"AS={RISC_V}-as -misa-spec=2.2"),
     ),
     "arm": ("qemu", "BOARD=MPS2_AN385", *QEMU),
+    "arm-fpu": (
+        *("qemu", "BOARD=MPS2_AN385", *QEMU),
+        "CFLAGS_EXTRA=-mcpu=cortex-m4 -mfloat-abi=hard -mfpu=fpv4-sp-d16",
+    ),
 }
 
 

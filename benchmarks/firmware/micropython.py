@@ -2,7 +2,7 @@
 """The module imuprobe as a file, in MicroPython on boards of qemu: whether its poses
 are the host's, instructions for a sample, and the heap that it takes.
 
-qemu counts instructions, not cycles. The Arm, a Cortex-M3, runs the code for the Pico's
+qemu counts instructions, not cycles. A Cortex-M3 runs the code for the Pico's
 Cortex-M0+.
 """
 
@@ -101,24 +101,19 @@ class Board(NamedTuple):
     set_up: str = ""
 
 
-# SiFive's CLINT, and Arm's CMSDK APB timer, which has to be started.
+RISC_V = ("-bios", "none", "-machine", "virt")
+ARM = ("-semihosting", "-machine")
+# Arm's CMSDK APB timer has to be started, and so has a Cortex-M4's FPU.
+TIMER = """import machine
+machine.mem32[0x40000008] = 0xFFFFFFFF; machine.mem32[0x40000000] = 1
+"""
+FPU = ("-device", "loader,addr=0xE000ED88,data=0xF00000,data-len=4,cpu-num=0")
+ARM_AT = (0x21000000, 0x40000004, -1, 40)
+RISC_V_AT = (0x84000000, 0x0200BFF8, 1, 100)  # SiFive's CLINT
 BOARDS = {
-    "rv32imc": Board(
-        *("riscv", ("riscv32", "-bios", "none", "-machine", "virt")),
-        *(0x84000000, 0x0200BFF8, 1, 100),
-    ),
-    "armv6m": Board(
-        *(
-            "arm",
-            ("arm", "-machine", "mps2-an385", "-semihosting"),
-            0x21000000,
-            0x40000004,
-            -1,
-            40,
-        ),
-        set_up="import machine\n"
-        "machine.mem32[0x40000008] = 0xFFFFFFFF; machine.mem32[0x40000000] = 1\n",
-    ),
+    "rv32imc": Board("riscv", ("riscv32", *RISC_V), *RISC_V_AT),
+    "armv6m": Board("arm", ("arm", *ARM, "mps2-an385"), *ARM_AT, TIMER),
+    "armv7emsp": Board("arm-fpu", ("arm", *ARM, "mps2-an386", *FPU), *ARM_AT, TIMER),
 }
 APART = 0x100000  # of the files in memory
 
@@ -258,7 +253,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 # Instructions a sample: what must be, and the goal.
-LIMITS = {"rv32imc": (7500, 7500), "armv6m": (14500, 14000)}
+LIMITS = {"rv32imc": (7500, 7500), "armv6m": (14500, 14000), "armv7emsp": (6500, 6500)}
 COLUMNS = {
     "processor": "",
     "poses": ",.0f",
@@ -272,13 +267,14 @@ COLUMNS = {
 
 
 def build() -> None:
-    for tool, *words in (("mpy", *BOARDS), ("micropython_build", "riscv", "arm")):
+    ports = [board.port for board in BOARDS.values()]
+    for tool, *words in (("mpy", *BOARDS), ("micropython_build", *ports)):
         program = PROJECT / "tools" / f"{tool}.py"
         subprocess.run([sys.executable, program, *words], check=True)
 
 
 def measured(args: argparse.Namespace) -> Report:
-    """Both boards; no pose may differ."""
+    """All boards; no pose may differ."""
     build()
     runs = {arch: figures_of(arch, args.seconds) for arch in BOARDS}
     figures = [
