@@ -152,7 +152,7 @@ def damaged(probe: FakeProbe) -> Iterator[bytes]:
     turn, heading = np.zeros(3), 2.0
     tared: tuple[str, ...] = ()
     for count in range(1200):
-        probe.time_us += 45_000
+        probe.time_us = (probe.time_us + 45_000) & 0xFFFFFFFF
         if count in (0, 520):
             # Of others a probe tells later, and meanwhile they are not known.
             probe.params.records = calibrated(0.05 if count else 0.2)
@@ -194,8 +194,9 @@ def damaged(probe: FakeProbe) -> Iterator[bytes]:
 def test_a_damaged_stream_is_read_as_the_host_does(
     browser: Browser, tmp_path: Path
 ) -> None:
-    record = tmp_path / "record.bin"
-    record.write_bytes(b"".join(damaged(FakeProbe())))
+    record, probe = tmp_path / "record.bin", FakeProbe()
+    probe.sequence, probe.time_us = (1 << 32) - 2, (1 << 32) - 20_000_000  # wrap
+    record.write_bytes(b"".join(damaged(probe)))
     poses = assert_the_same(browser, tmp_path, record)
     errors = [pose["since_origin"] for pose in poses if pose["since_origin"]]
     assert {each["void"] for each in errors} == {None, "pause", "gap", "starting"}

@@ -83,7 +83,7 @@ export class Reader {
   _note(message, nowMs) {
     const { name, sequence, fields } = message;
     if (name === "hello" && (this.hello === null || this.isOther || this._isRestart(message))) {
-      const before = this._waiting.filter((each) => sequence - each.sequence > 0 && sequence - each.sequence < GAP_MAX);
+      const before = this._waiting.filter((each) => (sequence - each.sequence - 1) >>> 0 < GAP_MAX);
       this._begin(fields, before[0]?.sequence ?? sequence);
       before.forEach((each) => this._note(each, nowMs));
     }
