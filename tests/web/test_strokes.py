@@ -67,6 +67,10 @@ def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
     desk.hand.say("stroke", **stroke, **lost)
     page.get_by_text("end it within 5 s; begin again").wait_for()
     page.get_by_text("Press, and move to").wait_for(state="hidden")
+    desk.hand.turn(FORWARD, pose_flags=("starting",))
+    page.get_by_role("button", name="There and back").click()
+    page.get_by_text("Set origin: wait until the probe has found").wait_for()
+    page.get_by_text("Press, and move to").wait_for(state="hidden")
     desk.hand.turn(FORWARD, position=None)
     page.get_by_text("sector and cone").wait_for()
 

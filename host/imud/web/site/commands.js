@@ -7,7 +7,8 @@ import { attempt, tell } from "./header.js";
 /** @typedef {import("./model.js").Model} Model */
 
 /**
- * Sends commands to the selected probe one after the other, and shows their results.
+ * Sends commands to the selected probe one after the other, and shows their results;
+ * returns whether all were carried out.
  * @param {Model} model
  * @param {string} what
  * @param {[string, Record<string, string>][]} commands
@@ -15,25 +16,28 @@ import { attempt, tell } from "./header.js";
 export async function run(model, what, commands) {
   const probe = model.selected;
   if (!probe || !model.mayCommand) {
-    return;
+    return false;
   }
-  await attempt(async () => {
+  const isDone = await attempt(async () => {
     for (const [command, parameters] of commands) {
       await model.link.ask(probe, command, parameters);
     }
     tell(`${what}: done`);
+    return true;
   }, what);
+  return isDone === true;
 }
 
 /**
- * Sets the origin of the selected probe: "all" of it, or its "heading".
+ * Sets the origin of the selected probe: "all" of it, or its "heading"; returns whether
+ * it is set.
  * @param {Model} model
  * @param {string} what
  */
 export async function setOrigin(model, what) {
   if (model.probe?.pose?.flags.includes("starting")) {
     tell("Set origin: wait until the probe has found level and north; an origin set now would be lost", true);
-    return;
+    return false;
   }
-  await run(model, "Set origin", [["tare", { what }]]);
+  return run(model, "Set origin", [["tare", { what }]]);
 }

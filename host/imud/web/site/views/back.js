@@ -94,7 +94,11 @@ export class ThereAndBack {
   _next() {
     this._go(this._step + 1);
     if (this._step === 1) {
-      void setOrigin(this._model, "all");
+      void setOrigin(this._model, "all").then((isSet) => {
+        if (!isSet) {
+          this._go(STEPS.length); // it has said why
+        }
+      });
     } else if (this._step > BACK) {
       void run(this._model, "Close path", [["close", {}]]);
     }
