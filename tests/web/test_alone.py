@@ -20,6 +20,7 @@ from playwright.sync_api import Browser
 
 from demanded import leave_out
 from fakes import FakeProbe
+from imud import cli
 from imud.params.value import Params
 from imud.probes import record
 from imud.probes.session import Probe, Received, Session
@@ -397,3 +398,14 @@ def test_a_probe_of_another_schema_that_is_unplugged_is_told(page: Alone) -> Non
     for name in ("Probe", "Aim", "Signals"):
         seen.get_by_role("link", name=name, exact=True).click()
     seen.get_by_role("button", name="CSV").wait_for()
+
+
+def test_no_other_page_is_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "index.html").write_text("<html>another</html>")
+    assert cli.main(["view", "--to", str(tmp_path)]) == 1
+    assert "index.html is another page; choose another fo" in capsys.readouterr().err
+    (tmp_path / "index.html").unlink()
+    for _ in ("made", "replaced"):
+        assert cli.main(["view", "--to", str(tmp_path)]) == 0

@@ -17,6 +17,7 @@ from pathlib import Path
 from urllib.parse import urljoin
 
 from imud import packaged
+from imud.errors import FileError
 from imud.version import version
 from imud.web.files import HERE, Files
 
@@ -116,9 +117,12 @@ def _hash(text: str) -> str:
 
 def write(folder: Path) -> list[Path]:
     """Writes the page into a folder, with its licences, and with the Pico's firmware
-    where that is installed.
+    where that is installed. FileError if another page is there.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    there = folder / "index.html"
+    if there.exists() and b'data-daemon="none"' not in there.read_bytes():
+        raise FileError(f"{there} is another page; choose another folder")
     images = packaged.folder_of(packaged.FIRMWARE)
     image = images / PICO if images is not None else None
     made = [folder / "index.html", folder / "LICENSES.txt"]
