@@ -64,7 +64,8 @@ def add(commands: Commands) -> None:
     flash.add_argument(
         "--force",
         action="store_true",
-        help="also write an image that is older, the same, or has another schema",
+        help="also write an image that is older, the same, or has another schema; "
+        "with MicroPython: replace the board's main.py",
     )
     _add_wifi(flash)
     # Its page has begun it, and answers on stdin: cli/flash_client.py.
