@@ -28,7 +28,7 @@ _JOIN = (
     "print((s.isconnected(),[k for k in dir(n) if k[:5]=='STAT_' and "
     "getattr(n,k)==s.status()],s.ifconfig()))"
 )
-_SEEN = "print(sorted({str(w[0],'utf-8') for w in s.scan()}-{''}))"
+_SEEN = "print(sorted({bytes(w[0]) for w in s.scan()}-{b''}))"  # in any encoding
 _GREET = (
     "import time\nfrom probe.udp import UDP\nu=UDP({!r},{},{!r})\n"
     "for i in range({}):\n if u.is_open():break\n time.sleep_ms(100)\n"
@@ -53,7 +53,8 @@ def join(prompt: Prompt, name: str, password: str) -> IPv4Interface:
         return IPv4Interface(f"{config[0]}/{config[1]}")
     if {"STAT_WRONG_PASSWORD", "STAT_HANDSHAKE_TIMEOUT"} & {*states}:
         raise FlashError(f"{name} refused the password; run it again and type it again")
-    seen = prompt.value(_SEEN, list[str], SCAN_S)
+    raw = prompt.value(_SEEN, list[bytes], SCAN_S)
+    seen = [each.decode(errors="replace") for each in raw]
     if name not in seen:
         others = ", ".join(seen) or "none"
         raise FlashError(

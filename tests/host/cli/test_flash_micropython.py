@@ -39,6 +39,7 @@ STOCK = Path(sys.prefix) / "bin" / "micropython"
 PICO_W = "Raspberry Pi Pico W with RP2040"
 SCHEMA = f"{FINGERPRINT:08x}"
 X64 = 6 | 3 << 8 | 2 << 10
+ODD = 'O\'Brien \\ "2" \u00e9\u4e2d'  # a name that a network may have
 MINE = "from probe.start import start\nstart(1, 2, 3, 4, 5)\n"
 PINS = ("i2c", "sda", "scl", "ready", "button", "led")
 # Waits that end as soon as they may.
@@ -223,8 +224,9 @@ def prompt_of(folder: Path, **how: Any) -> Iterator[Prompt]:
     ("air", "name", "password", "says"),
     [
         ({}, "home", "sekret", "home refused the password; run it again"),
-        ({}, "attic", "", "no network attic, but: guest, home. It has 2.4 GHz alone"),
-        ({"seen": []}, "home", "", "sees no network home, but: none"),
+        ({}, "attic", "", "no network attic, but: caf\ufffd, guest, home. It has 2.4"),
+        ({"seen": []}, "home", "", "sees no network home, but: caf\ufffd"),
+        ({"seen": [ODD]}, ODD, ODD, "é中 refused the password; run"),
         ({"password": None}, "home", "", "sees home, but did not join it in 0 s"),
         ({}, "home", "secret", r"127.0.0.1, heard nothing .* open UDP port 9 in its"),
         (

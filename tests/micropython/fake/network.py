@@ -39,7 +39,7 @@ class WLAN:
         return WLAN._status
 
     def scan(self):
-        return [(name.encode(),) for name in self._air["seen"]]
+        return [(name.encode(),) for name in self._air["seen"]] + [(b"caf\xe9",)]
 
     def ifconfig(self):
         return self._air["address"], "255.0.0.0", "", ""
