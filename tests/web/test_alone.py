@@ -372,17 +372,14 @@ def test_a_probe_may_change_its_port(page: Alone) -> None:
     page.play(probe, streams, **POSE)
     seen.get_by_role("button", name="Set origin", exact=True).first.click()
     page.play(probe, text_of(".toasts", "Set origin: done"), **POSE)
-    states = seen.evaluate(STATES)
-    assert set(states) == {"streaming"}
+    assert seen.evaluate(STATES) == ["streaming"]
 
 
-STATES = """async () => {
+STATES = """() => {
   const told = [];
   const { link } = globalThis.imud;
-  link.addEventListener("line", ({ detail }) => {
-    if (detail.type === "status") told.push(detail.state);
-  });
-  for (let count = 0; count < 3; count++) link._tick();
+  link.addEventListener("line", ({ detail }) => told.push(detail.state));
+  link._tick();
   return told;
 }"""
 
@@ -398,6 +395,15 @@ def test_a_probe_of_another_schema_that_is_unplugged_is_told(page: Alone) -> Non
     for name in ("Probe", "Aim", "Signals"):
         seen.get_by_role("link", name=name, exact=True).click()
     seen.get_by_role("button", name="CSV").wait_for()
+
+
+def test_a_page_by_http_says_how_to_read_usb(page: Alone) -> None:
+    page.page.evaluate(
+        "globalThis.imud.link._serial = undefined;"
+        "Object.defineProperty(globalThis, 'isSecureContext', { value: false })"
+    )
+    page.page.get_by_role("button", name="Connect a probe").click()
+    page.page.get_by_text("save this page, and open the file").wait_for()
 
 
 def test_no_other_page_is_replaced(

@@ -57,7 +57,11 @@ export class UsbLink extends Link {
   /** @override */
   async connect() {
     if (this._serial === undefined) {
-      throw new Error("this browser can't read USB: use Chrome, Chromium or Edge on a computer");
+      throw new Error(
+        isSecureContext
+          ? "this browser can't read USB: use Chrome, Chromium or Edge on a computer"
+          : "browsers read USB for a page by HTTPS or from a file: save this page, and open the file",
+      );
     }
     const port = await this._serial.requestPort().catch((/** @type {Error} */ error) => {
       if (error.name !== "NotFoundError") {
