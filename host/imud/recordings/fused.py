@@ -95,7 +95,8 @@ class FusedPoses:
         for at, content in self._stage.on_run([each.data for each in run], rows):
             raw = run[at]
             device_us = clock.unroll(times_us[at], raw.t_ns)
-            stamp = Stamp(0, 0, device_us, raw.t_sample_ns, None, raw.t_ns)
+            times = raw.t_sample_ns, None, raw.t_ns
+            stamp = Stamp(0, 0, device_us, *times, boot=last.stamp.boot)
             of = Received(last.probe, last.message, raw.data, stamp, last.scales)
             yield self._computed(content, of)
 
