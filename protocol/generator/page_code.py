@@ -5,10 +5,8 @@ the commands, words and limits that the daemon has for what it reads.
 
 from __future__ import annotations
 
-import ast
 import json
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterable
 from typing import Any
 
 from generator.published import Struct
@@ -16,8 +14,6 @@ from generator.schema import HELLO_SEED, Field, Schema
 from imud.check import limits
 from imud.commands import COMMANDS, ProbeCommand
 from imud.probes import withheld
-
-IMUD = Path(__file__).resolve().parents[2] / "host" / "imud"
 
 START = """\
 // SPDX-License-Identifier: MIT
@@ -74,7 +70,7 @@ def module(schema: Schema, structs: Iterable[Struct]) -> str:
             for name, number in schema.enums["command"].items()
             if name in COMMANDS and not COMMANDS[name].by_daemon
         },
-        "STROKE_ADVICE": _constant("probes/record.py", "STROKE_ADVICE"),
+        "STROKE_ADVICE": withheld.STROKE_ADVICE,
         "WITHHELD": {"tilt": withheld.OF_TILT, "heading": withheld.OF_HEADING},
         "NO_ERRORS": withheld.NO_ERRORS,
         "PASSING": sorted(withheld.PASSING),
@@ -131,12 +127,3 @@ def _command(command: ProbeCommand, number: int) -> dict[str, Any]:
         for each in command.arguments
     ]
     return {"number": number, "usage": command.usage, "arguments": arguments}
-
-
-def _constant(file: str, name: str) -> Mapping[str, str]:
-    """A literal of a module that can't be imported before the C is built."""
-    for node in ast.parse((IMUD / file).read_text("utf-8")).body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == name:
-            found: Mapping[str, str] = ast.literal_eval(node.value)
-            return found
-    raise LookupError(f"{file} has no {name}")

@@ -15,6 +15,7 @@ from imud.probes.north import North
 from imud.probes.references import References
 from imud.probes.scales import Scales
 from imud.probes.self_test import Responses, verdicts_of
+from imud.probes.withheld import STROKE_ADVICE
 from imud.wire.messages import Message, Value, decode
 
 # Messages published as JSON under their own names; others only as frames.
@@ -170,21 +171,6 @@ def _verdicts(message: Message, scales: Scales) -> dict[str, str]:
         return {}
     verdicts = verdicts_of(hello.fields, Responses.of(message.fields))
     return {verdict.sensor: verdict.result for verdict in verdicts}
-
-
-# What to do where a stroke, or a press for one, has measured nothing, by its end.
-STROKE_ADVICE = {
-    "moving": "hold it still before and after",
-    "too_long": "end it within 5 s",
-    "clipped": "move it more gently",
-    "gap": "samples are missing: run imud check",
-    "too_fast": "move it more slowly",
-    "lost": "lay it still first",
-    "no_rest": "lay it still first",
-    "too_near": "wait half a second between presses",
-    "no_filter": "run imud restart --filter fuse",
-    "changed": "the params have changed: press again",
-}
 
 
 def _of_a_stroke(fields: Mapping[str, Value]) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Why a pose states no error of its tilt or its heading, and what to do."""
+"""Why a pose states no error of its tilt or its heading, or a stroke no length, and
+what to do.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +32,20 @@ OF_HEADING = OF_BOTH | {
 NO_ERRORS = "the filter that runs states no errors"
 # Reasons that pass without action.
 PASSING = frozenset({OF_TILT["starting"], OF_HEADING["starting"], NO_ERRORS})
+
+# What to do where a stroke, or a press for one, has measured nothing, by its end.
+STROKE_ADVICE = {
+    "moving": "hold it still before and after",
+    "too_long": "end it within 5 s",
+    "clipped": "move it more gently",
+    "gap": "samples are missing: run imud check",
+    "too_fast": "move it more slowly",
+    "lost": "lay it still first",
+    "no_rest": "lay it still first",
+    "too_near": "wait half a second between presses",
+    "no_filter": "run imud restart --filter fuse",
+    "changed": "the params have changed: press again",
+}
 
 
 def withheld_of(pose: Mapping[str, Any]) -> dict[str, str | None]:

@@ -26,7 +26,7 @@ from imud.log.schemas import JSON_SCHEMAS
 from imud.params.trusted import CALIBRATED
 from imud.probes.gestures import PathCloser
 from imud.probes.path import StrokePath, scale_sigma
-from imud.probes.record import STROKE_ADVICE
+from imud.probes.withheld import STROKE_ADVICE
 from imud.wire.messages import Message, decode, encode
 from imud.wire.schema import StrokeEnd
 from streaming import Streaming
@@ -59,6 +59,31 @@ def test_a_stroke_without_length_says_why() -> None:
         assert (advice is None) == (end in (0, 1, 2))
     lost |= {"end": "no_rest", "advice": "lay it still first"}
     assert line_of(lost).endswith("  no_rest: lay it still first")
+
+
+def test_a_path_that_the_daemon_does_not_close_is_told_and_an_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def press_ctrl_c(_: str) -> None:
+        raise KeyboardInterrupt
+
+    ended = json.dumps(STROKE | {"type": "stroke"}).encode()
+
+    class Refusing:
+        def listen(
+            self, kind: str, _: str | None, put: Callable[[Delivery], None]
+        ) -> Callable[[], None]:
+            if kind == "stroke":
+                put(Delivery("stylus", ended, "source"))
+            return lambda: None
+
+        def command(self, probe: str, name: str) -> dict[str, Any]:
+            raise CommandRefused(f"{probe} has no {name}")
+
+    monkeypatch.setattr(stroke_lines, "show", press_ctrl_c)  # at the first stroke
+    client = cast(Client, Refusing())
+    assert stroke_lines.listen(client, None, None, as_json=True, closes=True) == 1
+    assert capsys.readouterr().err == "stylus has no close\n"
 
 
 @pytest.mark.parametrize("words", [[], ["--json"]])
