@@ -84,7 +84,7 @@ def listen(
 ) -> int:
     """Prints strokes as they end, for some seconds or until Ctrl-C. `closes`: prints
     the path of each probe as one that has returned to its origin, then and whenever
-    it is closed by its button or from the page.
+    it is closed by its button or from the page. Returns 1 if one was refused.
     """
     arrived: queue.SimpleQueue[Delivery] = queue.SimpleQueue()
     undeclare = [
@@ -109,14 +109,16 @@ def listen(
         end()
     if closes and not names:
         sys.stderr.write("no path to close: there was no stroke\n")
+    code = 0
     for own, name in names.items() if closes else ():
         try:
             closing = client.command(own, "close")["value"]
         except ImudError as error:
             sys.stderr.write(f"{error}\n")
+            code = 1
         else:
             show_closing(name, {"probe": name, **closing}, as_json=as_json)
-    return 0
+    return code
 
 
 def show(line: str) -> None:

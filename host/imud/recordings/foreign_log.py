@@ -323,14 +323,16 @@ def write(found: Iterator[Imported], source: Path, log: Path) -> tuple[str, Impo
     """Writes the log of all parts; returns the probe's id, made of the file's name and
     the first samples, and the last part. There is no log if that fails.
     """
+    part = log.with_name(f"{log.name}.part")  # of one that was killed, too
     bar = Progress("importing", source.stat().st_size if source.exists() else 0)
     try:
-        with log.open("wb") as file:
+        with part.open("wb") as file:
             out = LogFile(file, Settings())
             probe, last = _write(found, source, out, bar)
             out.finish()
+        part.replace(log)
     except BaseException as error:
-        log.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise FileError(f"can't write {log}: {reason(error)}") from error
         raise
