@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from itertools import chain
 from pathlib import Path
 
 PROC = Path("/proc")
@@ -28,10 +27,15 @@ class Stopwatch:
 
     def look(self) -> float:
         """The seconds so far. What a thread has waited is known while it lives."""
-        for path in chain(*(PROC.glob(f"{each}/schedstat") for each in self._threads)):
-            with contextlib.suppress(OSError):
-                _, waited_ns, _ = map(int, path.read_text().split())
-                self._first_ns.setdefault(path, waited_ns)
-                self._last_ns[path] = waited_ns
+        for each in self._threads:
+            with contextlib.suppress(OSError):  # it may end while it is looked at
+                for path in PROC.glob(f"{each}/schedstat"):
+                    self._note(path)
         waited_ns = sum(self._last_ns.values()) - sum(self._first_ns.values())
         return time.monotonic() - self._begin_s - waited_ns / 1e9
+
+    def _note(self, path: Path) -> None:
+        with contextlib.suppress(OSError):
+            _, waited_ns, _ = map(int, path.read_text().split())
+            self._first_ns.setdefault(path, waited_ns)
+            self._last_ns[path] = waited_ns

@@ -203,7 +203,7 @@ def test_what_needs_a_calibrated_probe_is_refused_at_once_with_the_way(
         assert served.asked.all == []
         page.get_by_role("button", name="Calibrate all sensors").click()
         until(lambda: len(served.asked.all) > 0)
-        assert page.evaluate("imud.model.probe.calibration.kind") == "all"
+        until(lambda: page.evaluate("imud.model.probe.calibration.kind") == "all")
         page.close()
 
 
