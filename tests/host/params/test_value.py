@@ -258,3 +258,10 @@ def test_a_name_is_its_letters_with_zeros_behind_them() -> None:
     params = Params().replaced("name", {"text": "häp"})
     assert params.encode() == bytes.fromhex("061868c3a470" + 20 * "00")
     assert Params.decode(params.encode()).name == "häp"
+
+
+def test_noise_is_two_densities() -> None:
+    noise = {"acc_m_s2_rthz": 0.003, "gyr_rad_s_rthz": 1.2e-4}
+    params = Params().replaced("noise", noise)
+    assert params.encode() == bytes.fromhex("0804b80bb004")  # vectors.toml has it, too
+    assert Params.decode(params.encode()).plain("noise") == pytest.approx(noise)
