@@ -40,23 +40,20 @@ LSM9DS0 = desk.identity_of(
     mag_lsb_pt=8000,
 )
 SAMPLES = scene(tumble(8, 200, 4), 200, seed=4).samples(MPU9250)
+PAIR = {"gyr_lsb_nrad_s": 1221730, "acc_lsb_nm_s2": 4785645, "mag_lsb_pt": 14616}
 LSM6DSOX = desk.identity_of(
     kind=lib.SENSOR_LSM6DSOX,
     rate_hz=lib.LSM6DSOX_RATE_HZ,
     gyr_delay_us=lib.LSM6DSOX_GYR_DELAY_US,
     mag_lag_us=lib.ADAFRUIT_4517_MAG_LAG_US,
-    gyr_lsb_nrad_s=1221730,
-    acc_lsb_nm_s2=4785645,
-    mag_lsb_pt=14616,
+    **PAIR,
 )
 LSM6DSV16X = desk.identity_of(
     kind=lib.SENSOR_LSM6DSV16X,
     rate_hz=lib.LSM6DSV16X_RATE_HZ,
     gyr_delay_us=lib.LSM6DSV16X_GYR_DELAY_US,
     mag_lag_us=lib.LSM6DSV16X_MAG_LAG_US,
-    gyr_lsb_nrad_s=1221730,
-    acc_lsb_nm_s2=4785645,
-    mag_lsb_pt=14616,
+    **PAIR,
 )
 OTHERS = {"lsm9ds0": LSM9DS0, "lsm6dsox": LSM6DSOX, "lsm6dsv16x": LSM6DSV16X}
 KINDS = range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1)
